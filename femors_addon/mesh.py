@@ -1,0 +1,401 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces as arrays: normals, edges, triangulation, and the cleaning that the maths needs."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from .progress import FemorsError
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int32]
+
+
+def frozen(array: ArrayLike, dtype: type, columns: int) -> NDArray:
+    """Return a read-only, contiguous (n, columns) array of the dtype."""
+    out = np.array(array, dtype=dtype, order="C").reshape(-1, columns)
+    out.setflags(write=False)
+    return out
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Surface:
+    """A triangulated surface.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+        Positions, in the user's unit of length; must be finite.
+    faces : (m, 3) int32
+        Vertex indices of each triangle, counter-clockwise seen from outside.
+
+    Raises
+    ------
+    FemorsError
+        Coordinates that are not finite, or a face that names a vertex that is not there.
+    """
+
+    vertices: Float
+    faces: Int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", frozen(self.vertices, np.float64, 3))
+        object.__setattr__(self, "faces", frozen(self.faces, np.int32, 3))
+        bad = ~np.isfinite(self.vertices).all(axis=1)
+        if bad.any():
+            raise FemorsError(
+                f"{int(bad.sum())} of {len(bad)} vertices have coordinates that are not finite "
+                f"(first: vertex {int(np.argmax(bad))}); repair or delete them"
+            )
+        if len(self.faces) and (self.faces.min() < 0 or self.faces.max() >= len(self.vertices)):
+            raise FemorsError("a face names a vertex that the mesh does not have")
+
+    def moved(self, vertices: ArrayLike) -> Surface:
+        """Return the same faces at other vertex positions (n, 3); topology caches are shared."""
+        other = Surface(np.asarray(vertices), self.faces)
+        for name in ("edges", "edge_faces", "adjacency", "vertex_faces"):
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
+        return other
+
+    # --- geometry -----------------------------------------------------------------------------
+    @cached_property
+    def corners(self) -> Float:
+        """(m, 3, 3) the corner positions of each face."""
+        return self.vertices[self.faces]
+
+    @cached_property
+    def face_cross(self) -> Float:
+        """(m, 3) face normals scaled by twice the area."""
+        a, b, c = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
+        return np.cross(b - a, c - a)
+
+    @cached_property
+    def face_areas(self) -> Float:
+        """(m,) areas."""
+        return 0.5 * np.linalg.norm(self.face_cross, axis=1)
+
+    @cached_property
+    def face_normals(self) -> Float:
+        """(m, 3) unit normals; zero for degenerate faces."""
+        return unit(self.face_cross)
+
+    @cached_property
+    def vertex_normals(self) -> Float:
+        """(n, 3) area-weighted unit normals; zero where no face is."""
+        total = np.empty_like(self.vertices)
+        for axis in range(3):
+            weights = np.repeat(self.face_cross[:, axis], 3)
+            total[:, axis] = np.bincount(self.faces.ravel(), weights, minlength=len(self.vertices))
+        return unit(total)
+
+    @cached_property
+    def bounds(self) -> tuple[Float, Float]:
+        """Lowest and highest corner of the axis-aligned bounding box."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal."""
+        low, high = self.bounds
+        return float(np.linalg.norm(high - low))
+
+    @cached_property
+    def mean_edge(self) -> float:
+        """Mean length of the edges."""
+        a, b = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
+        return float(np.linalg.norm(a - b, axis=1).mean()) if len(a) else 0.0
+
+    @cached_property
+    def volume(self) -> float:
+        """Signed volume (divergence theorem about the centroid); positive for outward normals."""
+        a, b, c = np.moveaxis(self.corners - self.vertices.mean(axis=0), 1, 0)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    # --- topology -----------------------------------------------------------------------------
+    @cached_property
+    def edges(self) -> Int:
+        """(e, 2) unique undirected edges, lower index first, in lexicographic order."""
+        pairs = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        keys = np.unique(pairs[:, 0].astype(np.int64) * len(self.vertices) + pairs[:, 1])
+        return np.column_stack(np.divmod(keys, max(len(self.vertices), 1))).astype(np.int32)
+
+    @cached_property
+    def edge_faces(self) -> tuple[Int, Int]:
+        """((k, 2) face pairs, (k, 2) vertex pairs) of the edges shared by exactly two faces."""
+        half = self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        pairs = np.sort(half, axis=1).astype(np.int64)
+        keys = pairs[:, 0] * len(self.vertices) + pairs[:, 1]
+        order = np.argsort(keys, kind="stable")
+        _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
+        first = first[count == 2]
+        one, two = order[first], order[first + 1]
+        return np.column_stack((one // 3, two // 3)).astype(np.int32), pairs[one].astype(np.int32)
+
+    @cached_property
+    def border(self) -> NDArray[np.bool_]:
+        """(n,) true for the vertices on an open border (an edge with one face only)."""
+        pairs = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+        keys, count = np.unique(pairs[:, 0] * len(self.vertices) + pairs[:, 1], return_counts=True)
+        out = np.zeros(len(self.vertices), dtype=bool)
+        single = keys[count == 1]
+        out[single // max(len(self.vertices), 1)] = True
+        out[single % max(len(self.vertices), 1)] = True
+        return out
+
+    @cached_property
+    def adjacency(self) -> sparse.csr_matrix:
+        """(n, n) symmetric 0/1 matrix of the edges."""
+        return edge_matrix(self.edges, len(self.vertices))
+
+    @cached_property
+    def vertex_faces(self) -> sparse.csr_matrix:
+        """(n, m) 0/1 matrix: the faces at each vertex."""
+        m = len(self.faces)
+        columns = np.repeat(np.arange(m), 3)
+        ones = np.ones(3 * m)
+        return sparse.csr_matrix((ones, (self.faces.ravel(), columns)), shape=(len(self.vertices), m))
+
+
+def unit(vectors: Float) -> Float:
+    """Normalise the rows of (n, 3); rows of zero length stay zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def edge_matrix(edges: Int, n: int) -> sparse.csr_matrix:
+    """Return the symmetric (n, n) 0/1 matrix of undirected edges (e, 2)."""
+    ones = np.ones(len(edges))
+    half = sparse.csr_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(n, n))
+    return (half + half.T).tocsr()
+
+
+def triangulate(sizes: ArrayLike, corners: ArrayLike) -> tuple[Int, Int]:
+    """Split polygons into triangle fans from their first corner.
+
+    Parameters
+    ----------
+    sizes : (p,) int
+        Number of corners of each polygon; those with fewer than three give no triangle.
+    corners : (sum(sizes),) int
+        The polygons' vertex indices, one after the other.
+
+    Returns
+    -------
+    triangles : (m, 3) int32
+        A quad (a, b, c, d) becomes (a, b, c) and (a, c, d), always on this diagonal.
+    polygon : (m,) int32
+        The polygon that each triangle comes from.
+    """
+    sizes = np.asarray(sizes, dtype=np.int64).ravel()
+    corners = np.asarray(corners, dtype=np.int64).ravel()
+    start = np.cumsum(sizes) - sizes
+    count = np.maximum(sizes - 2, 0)
+    polygon = np.repeat(np.arange(len(sizes)), count)
+    step = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    base = start[polygon]
+    triangles = np.column_stack((corners[base], corners[base + step + 1], corners[base + step + 2]))
+    return triangles.reshape(-1, 3).astype(np.int32), polygon.astype(np.int32)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A surface fit for the maths, and the way back to the mesh that it was made from.
+
+    Attributes
+    ----------
+    surface : Surface
+        Merged, without degenerate or duplicate faces and unreferenced vertices, oriented outward.
+    vertex_map : (n,) int32
+        For each original vertex its index in `surface`, or -1 where no face used it.
+    face_map : (k,) int32
+        For each face of `surface` the original triangle.
+    notes : tuple of str
+        What was mended, in words.
+    """
+
+    surface: Surface
+    vertex_map: Int
+    face_map: Int
+    notes: tuple[str, ...]
+
+
+def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Cleaned:
+    """Merge, deduplicate and orient a triangle mesh; the input is left as it is.
+
+    Vertices at equal coordinates are merged; a triangle soup that shares no vertex even so (an
+    ASCII file with rounded numbers, say) is merged at a millionth of its size. Winding is made
+    consistent and outward component by component; a closed shell inside another points inward.
+
+    Raises
+    ------
+    FemorsError
+        No faces, fewer than four vertices, no extent in some direction, non-finite coordinates.
+    """
+    raw = _named(name, vertices, triangles)
+    notes: list[str] = []
+    merged, vertex_map = _merge(raw)
+    faces = merged[raw.faces] if len(raw.faces) else raw.faces
+    faces, face_map = _proper_faces(faces, raw.vertices[vertex_map], notes)
+    if len(faces) < 4:
+        raise FemorsError(f"{name}: {len(faces)} usable face(s) are not a surface; at least 4 are needed")
+    used, compact = np.unique(faces, return_inverse=True)
+    faces = compact.reshape(-1, 3).astype(np.int32)
+    positions = raw.vertices[vertex_map[used]]
+    _check_extent(positions, name)
+    lookup = np.full(len(vertex_map), -1, dtype=np.int32)
+    lookup[used] = np.arange(len(used), dtype=np.int32)
+    to_clean = lookup[merged]
+    shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
+    if shared:
+        notes.append(f"{shared} vertices stood twice or more and were merged for the maths")
+    unused = int((to_clean < 0).sum())
+    if unused:
+        notes.append(f"{unused} vertices belong to no face")
+    surface, turned = oriented(Surface(positions, faces))
+    if turned:
+        notes.append(f"{turned} of {len(faces)} faces were wound inward and turned for the maths")
+    return Cleaned(surface, to_clean, face_map, tuple(f"{name}: {note}" for note in notes))
+
+
+def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
+    try:
+        surface = Surface(np.asarray(vertices), np.asarray(triangles))
+    except FemorsError as error:
+        raise FemorsError(f"{name}: {error}") from None
+    if len(surface.faces) == 0:
+        raise FemorsError(f"{name}: has no faces; a surface mesh is needed")
+    return surface
+
+
+def _merge(surface: Surface) -> tuple[Int, Int]:
+    """Return (for each vertex its merged index, for each merged vertex one original index)."""
+    _, first, inverse = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
+    inverse = inverse.ravel()
+    if len(first) == 3 * len(surface.faces) and len(surface.faces) > 1:
+        from scipy.spatial import cKDTree
+
+        pairs = cKDTree(surface.vertices[first]).query_pairs(1e-6 * surface.diagonal, output_type="ndarray")
+        graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(first),) * 2)
+        _, group = csgraph.connected_components(graph, directed=False)
+        inverse = group[inverse]
+    # number merged vertices by their first appearance: file order survives the merge
+    _, first, inverse = np.unique(inverse, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty(len(order), dtype=np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    return rank[inverse.ravel()], first[order].astype(np.int32)
+
+
+def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:
+    """Drop faces with a repeated vertex, of no area, or standing twice."""
+    a, b, c = faces.T
+    corners = positions[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    longest = np.max([np.sum((corners[:, i] - corners[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
+    proper = (a != b) & (b != c) & (c != a)
+    proper &= np.einsum("ij,ij->i", cross, cross) > (1e-12 * longest) ** 2
+    keep = np.flatnonzero(proper)
+    _, first = np.unique(np.sort(faces[keep], axis=1), axis=0, return_index=True)
+    kept = keep[np.sort(first)]
+    if len(keep) < len(faces):
+        notes.append(f"{len(faces) - len(keep)} faces have no area and were left out of the maths")
+    if len(kept) < len(keep):
+        notes.append(f"{len(keep) - len(kept)} faces stand twice and were counted once")
+    return faces[kept], kept.astype(np.int32)
+
+
+def _check_extent(positions: Float, name: str) -> None:
+    centred = positions - positions.mean(axis=0)
+    scale = np.abs(centred).max()
+    if not scale > 0:
+        raise FemorsError(f"{name}: all vertices are at one point")
+    singular = np.linalg.svd((centred / scale), compute_uv=False)
+    if len(singular) < 3 or singular[2] < 1e-6 * singular[0]:
+        raise FemorsError(f"{name}: all vertices lie in one plane; a surface with depth is needed")
+
+
+def oriented(surface: Surface) -> tuple[Surface, int]:
+    """Wind faces consistently and outward; return the surface and how many faces were turned."""
+    flip, component = _consistent(surface)
+    faces = np.where(flip[:, None], surface.faces[:, ::-1], surface.faces)
+    volume = _component_volumes(surface.vertices, faces, component)
+    inside = _nesting(surface.vertices, faces, component, volume)
+    wrong = (volume < 0) != (inside % 2 == 1)
+    turn = flip != wrong[component]
+    if not turn.any():
+        return surface, 0
+    return Surface(surface.vertices, np.where(turn[:, None], surface.faces[:, ::-1], surface.faces)), int(turn.sum())
+
+
+def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
+    """Walk a spanning tree of the faces; return (face to flip, component of the face)."""
+    m = len(surface.faces)
+    (faces, edge) = surface.edge_faces
+    half = surface.faces[:, [[0, 1], [1, 2], [2, 0]]]
+
+    def forward(face: Int) -> NDArray[np.bool_]:
+        return ((half[face, :, 0] == edge[:, :1]) & (half[face, :, 1] == edge[:, 1:])).any(axis=1)
+
+    disagree = forward(faces[:, 0]) == forward(faces[:, 1])
+    graph = edge_matrix(faces, m)
+    graph.data[:] = 1.0
+    count, component = csgraph.connected_components(graph, directed=False)
+    flip = np.zeros(m, dtype=bool)
+    if disagree.any():
+        sign = sparse.csr_matrix((disagree + 1.0, (faces[:, 0], faces[:, 1])), shape=(m, m))
+        sign = (sign + sign.T).tocsr()
+        for root in np.unique(component, return_index=True)[1]:
+            order, before = csgraph.breadth_first_order(graph, root, directed=False)
+            if len(order) < 2:
+                continue
+            step = np.asarray(sign[order[1:], before[order[1:]]]).ravel() > 1.5
+            for face, parent, odd in zip(order[1:], before[order[1:]], step, strict=True):
+                flip[face] = flip[parent] != odd
+    return flip, component.astype(np.int32)
+
+
+def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:
+    """Signed volume of each component about its own centroid (so that open shells have one too)."""
+    corners = vertices[faces]
+    count = np.bincount(component)
+    centre = np.column_stack([np.bincount(component, corners[:, :, k].mean(axis=1)) / count for k in range(3)])
+    a, b, c = np.moveaxis(corners - centre[component][:, None, :], 1, 0)
+    return np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c))) / 6.0
+
+
+def _nesting(vertices: Float, faces: Int, component: Int, volume: Float) -> Int:
+    """How many closed components each component lies in (of the 32 largest; others count none)."""
+    depth = np.zeros(len(volume), dtype=np.int32)
+    if len(volume) == 1:
+        return depth
+    largest = np.argsort(-np.abs(volume), kind="stable")[:32]
+    first = np.unique(component, return_index=True)[1]
+    probes = vertices[faces[first[largest], 0]]
+    for shell in largest:
+        winding = winding_number(vertices[faces[component == shell]], probes)
+        within = np.abs(winding) > 0.9
+        within[largest == shell] = False
+        depth[largest[within]] += 1
+    return depth
+
+
+def winding_number(corners: Float, points: Float) -> Float:
+    """Generalized winding number of triangles (m, 3, 3) about points (k, 3), by solid angles.
+
+    Van Oosterom & Strackee (1983); 1 inside an outward closed surface, 0 outside.
+    """
+    out = np.empty(len(points))
+    for i, point in enumerate(points):
+        a, b, c = np.moveaxis(corners - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        top = np.einsum("ij,ij->i", a, np.cross(b, c))
+        ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+        out[i] = np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2 * np.pi)
+    return out

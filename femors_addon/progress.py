@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a computation says while it runs, and the two ways in which it ends early."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[float, str], None]
+"""``progress(fraction, text)``: fraction in [0, 1]; may raise `Cancelled` at any call."""
+
+
+class FemorsError(ValueError):
+    """Input that cannot be worked with: one line that says what is wrong and what to do."""
+
+
+class Cancelled(Exception):
+    """Raised out of `Progress` when the user has cancelled; nothing is left half done."""
+
+
+def silent(fraction: float, text: str) -> None:
+    """Report to nobody and never cancel."""
+
+
+def part(progress: Progress, start: float, stop: float) -> Progress:
+    """Map a sub-task's [0, 1] onto [start, stop] of the task it belongs to."""
+    return lambda fraction, text: progress(start + (stop - start) * fraction, text)

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settings written once: a dataclass field carries default, limits, unit and help.
+
+Blender's properties (`operators.props`) and the options of the command line (`femors_addon.cli`)
+are made from these fields, so that a number, its limits and its words stand in one place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal
+
+from .progress import FemorsError
+
+Unit = Literal["", "length", "factor", "angle"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Spec:
+    """How a setting is shown and checked."""
+
+    label: str
+    help: str
+    minimum: float | None = None
+    maximum: float | None = None
+    unit: Unit = ""
+    choices: tuple[tuple[str, str, str], ...] = ()
+    """For an enumeration: (value, label, help) each."""
+    advanced: bool = False
+
+
+def setting(default: Any, label: str, help: str, **spec: Any) -> Any:
+    """Declare a dataclass field with its `Spec`."""
+    return dataclasses.field(default=default, metadata={"spec": Spec(label, help, **spec)})
+
+
+def specs(cls: type) -> dict[str, tuple[dataclasses.Field[Any], Spec]]:
+    """Return the declared settings of a dataclass by name, in order."""
+    return {f.name: (f, f.metadata["spec"]) for f in dataclasses.fields(cls) if "spec" in f.metadata}
+
+
+def check(settings: Any) -> None:
+    """Raise `FemorsError` for the first value outside its limits or choices."""
+    for name, (_, spec) in specs(type(settings)).items():
+        value = getattr(settings, name)
+        if spec.choices:
+            allowed = [choice[0] for choice in spec.choices]
+            if value not in allowed:
+                raise FemorsError(f"{spec.label}: '{value}' is not one of {', '.join(allowed)}")
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            low, high = spec.minimum, spec.maximum
+            if not (value == value) or (low is not None and value < low) or (high is not None and value > high):
+                raise FemorsError(
+                    f"{spec.label}: {value} is outside {'-inf' if low is None else low} to {'inf' if high is None else high}"
+                )
