@@ -1,0 +1,418 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Alignment: by paired landmarks, or by rigid, similarity and affine ICP from any starting pose.
+
+ICP minimises the distance to the tangent plane at the nearest node (Chen & Medioni 1991), with a
+small share of the point-to-point distance that keeps what the planes leave free, over pairs found in
+both directions; from the partial mesh only, and trimmed, where one covers a part of the other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import expm
+from scipy.spatial import cKDTree
+
+from .mesh import Float, Surface
+from .progress import FemorsError, Progress, silent
+from .reduce import reduced
+
+SAMPLE = 1500  # nodes that ICP works with
+SCOUTS = 250  # nodes that starts are compared with
+REFINED_STARTS = 10  # starts that are tried by ICP after the first look
+POINT_SHARE = 0.05  # weight of the point-to-point distance beside the point-to-plane distance
+TRIM = 0.8  # share of the pairs kept where one mesh is partial
+UNIT_FACTORS = (10.0, 25.4, 100.0, 304.8, 1000.0)
+MIRROR_MARGIN = 0.85  # a mirrored fit must be better by this factor to be spoken of
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Alignment:
+    """Where the source is laid before it is deformed.
+
+    Attributes
+    ----------
+    matrix : (4, 4) float64
+        Source coordinates to aligned coordinates, for column vectors.
+    residual : float
+        Root mean square distance between the aligned samples, in the target's unit.
+    warnings : tuple of str
+        A unit mismatch, a mirrored pair.
+    """
+
+    matrix: Float
+    residual: float
+    warnings: tuple[str, ...] = ()
+
+
+def transformed(matrix: Float, points: ArrayLike) -> Float:
+    """Apply a (4, 4) matrix to points (p, 3)."""
+    return np.asarray(points) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def homogeneous(linear: Float, translation: Float) -> Float:
+    """Return the (4, 4) matrix of x -> linear x + translation."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = linear, translation
+    return out
+
+
+# --- landmarks ------------------------------------------------------------------------------------
+def landmark_transform(source: ArrayLike, target: ArrayLike, kind: str = "similarity") -> Float:
+    """Least-squares transform between paired landmarks (k, 3), k >= 3.
+
+    Umeyama (1991) for ``rigid`` and ``similarity``; ``affine`` falls back to ``similarity`` where
+    there are fewer than five landmarks or all lie in a plane.
+
+    Raises
+    ------
+    FemorsError
+        Unequal counts, fewer than three, or all on one line.
+    """
+    a, b = np.asarray(source, dtype=float).reshape(-1, 3), np.asarray(target, dtype=float).reshape(-1, 3)
+    if len(a) != len(b):
+        raise FemorsError(f"landmarks must be paired: source has {len(a)}, target has {len(b)}")
+    if len(a) < 3:
+        raise FemorsError(f"alignment needs at least 3 paired landmarks, not {len(a)}")
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise FemorsError("landmarks have coordinates that are not finite")
+    ca, cb = a.mean(axis=0), b.mean(axis=0)
+    spread = np.linalg.svd(a - ca, compute_uv=False)
+    if spread[1] < 1e-6 * max(spread[0], np.finfo(float).tiny):
+        raise FemorsError("the landmarks lie on one line; choose at least one beside it")
+    if kind == "affine" and len(a) >= 5 and spread[2] > 0.02 * spread[0]:
+        linear = np.linalg.lstsq(a - ca, b - cb, rcond=None)[0].T
+        return homogeneous(linear, cb - linear @ ca)
+    u, s, vt = np.linalg.svd((b - cb).T @ (a - ca))
+    sign = np.array([1.0, 1.0, math.copysign(1.0, np.linalg.det(u) * np.linalg.det(vt))])
+    rotation = (u * sign) @ vt
+    scale = 1.0 if kind == "rigid" else float((s * sign).sum() / ((a - ca) ** 2).sum())
+    return homogeneous(scale * rotation, cb - scale * rotation @ ca)
+
+
+# --- ICP ------------------------------------------------------------------------------------------
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Side:
+    """Nodes and normals of a mesh with a tree to be searched in, and fewer of them to search with."""
+
+    nodes: Float
+    normals: Float
+    tree: cKDTree
+    sample: Float
+    sample_normals: Float
+
+    @classmethod
+    def of(cls, surface: Surface, count: int) -> _Side:
+        sample = reduced(surface, count)
+        return cls(
+            surface.vertices,
+            surface.vertex_normals,
+            cKDTree(surface.vertices),
+            sample.vertices,
+            sample.vertex_normals,
+        )
+
+    def thinned(self, count: int) -> _Side:
+        """The sample as the whole, and every k-th node of it as the sample."""
+        chosen = slice(None, None, max(len(self.sample) // count, 1))
+        return _Side(
+            self.sample,
+            self.sample_normals,
+            cKDTree(self.sample),
+            self.sample[chosen],
+            self.sample_normals[chosen],
+        )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Matched points: x of the moved source, y of the target, n the target's normal at y."""
+
+    x: Float
+    y: Float
+    n: Float
+    misfit: float  # root mean square distance, unmatched ones included
+
+
+def _pairs(matrix: Float, source: _Side, target: _Side, partial: str) -> _Pairs:
+    to_source = np.linalg.inv(matrix)
+    x, y, n, far = [], [], [], []
+    turned = to_source[:3, :3]  # normals go by the inverse transpose; outward stays outward under a mirror
+    if partial != "target":
+        moved = transformed(matrix, source.sample)
+        distance, hit = target.tree.query(moved)
+        facing = np.einsum("ij,ij->i", source.sample_normals @ turned, target.normals[hit]) > 0
+        chosen = _trimmed(distance, facing, partial)
+        x.append(moved[chosen])
+        y.append(target.nodes[hit[chosen]])
+        n.append(target.normals[hit[chosen]])
+        far.append(_penalised(distance, facing, partial))
+    if partial != "source":
+        back = transformed(to_source, target.sample)
+        _, hit = source.tree.query(back)
+        moved = transformed(matrix, source.nodes[hit])
+        distance = np.linalg.norm(moved - target.sample, axis=1)
+        facing = np.einsum("ij,ij->i", source.normals[hit] @ turned, target.sample_normals) > 0
+        chosen = _trimmed(distance, facing, partial)
+        x.append(moved[chosen])
+        y.append(target.sample[chosen])
+        n.append(target.sample_normals[chosen])
+        far.append(_penalised(distance, facing, partial))
+    misfit = math.sqrt(float(np.mean(np.concatenate(far))))
+    return _Pairs(np.concatenate(x), np.concatenate(y), np.concatenate(n), misfit)
+
+
+def _trimmed(distance: Float, facing: np.ndarray, partial: str) -> np.ndarray:
+    if partial == "none" or not facing.any():
+        return np.flatnonzero(facing)
+    return np.flatnonzero(facing & (distance <= np.quantile(distance[facing], TRIM)))
+
+
+def _penalised(distance: Float, facing: np.ndarray, partial: str) -> Float:
+    """Squared distances for the comparison of poses: a pair that faces away counts double."""
+    square = distance**2 * np.where(facing, 1.0, 4.0)
+    if partial == "none":
+        return square
+    return np.sort(square)[: max(int(TRIM * len(square)), 1)]
+
+
+_TURNS = np.array(
+    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
+    dtype=float,
+)
+_BASES = {
+    "rigid": _TURNS,
+    "similarity": np.concatenate((_TURNS, np.eye(3)[None])),
+    "affine": np.eye(9).reshape(9, 3, 3),
+}
+
+
+def _step(pairs: _Pairs, kind: str) -> Float:
+    """Small transform (4, 4) that lessens the pairs' distances, by linear least squares."""
+    basis = _BASES[kind]
+    centre = pairs.x.mean(axis=0)
+    scale = max(float(np.abs(pairs.x - centre).max()), np.finfo(float).tiny)
+    local = (pairs.x - centre) / scale
+    moves = np.einsum("kab,pb->pka", basis, local)
+    moves = np.concatenate((moves, np.broadcast_to(np.eye(3), (len(local), 3, 3))), axis=1)
+    gap = (pairs.y - pairs.x) / scale
+    along = np.einsum("pka,pa->pk", moves, pairs.n)
+    system = along.T @ along + POINT_SHARE * np.einsum("pka,pla->kl", moves, moves)
+    right = along.T @ np.einsum("pa,pa->p", gap, pairs.n) + POINT_SHARE * np.einsum("pka,pa->k", moves, gap)
+    system[np.diag_indices_from(system)] += 1e-12 * np.trace(system)
+    theta = np.linalg.solve(system, right)
+    linear = np.einsum("k,kab->ab", theta[:-3], basis)
+    linear = np.eye(3) + linear if kind == "affine" else expm(linear)
+    return homogeneous(linear, centre + scale * theta[-3:] - linear @ centre)
+
+
+def icp(
+    matrix: Float, source: _Side, target: _Side, kind: str, partial: str, iterations: int, tolerance: float
+) -> tuple[Float, float]:
+    """Iterate from `matrix`; return the best transform met and its misfit.
+
+    Ends when no sample moves by more than `tolerance` (in the target's unit).
+    """
+    best, lowest = matrix, math.inf
+    for _ in range(iterations):
+        pairs = _pairs(matrix, source, target, partial)
+        if pairs.misfit < lowest:
+            best, lowest = matrix, pairs.misfit
+        if len(pairs.x) < 12:
+            break
+        step = _step(pairs, kind)
+        change = np.abs(transformed(step, pairs.x) - pairs.x).max()
+        after = step @ matrix
+        if not np.isfinite(after).all() or abs(np.linalg.det(after[:3, :3])) < 1e-12:
+            break
+        matrix = after
+        if change < tolerance:
+            break
+    pairs = _pairs(matrix, source, target, partial)
+    return (matrix, pairs.misfit) if pairs.misfit <= lowest * 1.001 else (best, lowest)
+
+
+# --- starts ---------------------------------------------------------------------------------------
+def _frame(nodes: Float) -> tuple[Float, Float, float]:
+    """Centroid, right-handed principal axes (columns, largest first) and RMS radius."""
+    centre = nodes.mean(axis=0)
+    _, _, axes = np.linalg.svd(nodes - centre, full_matrices=False)
+    axes = axes.T * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
+    return centre, axes, float(np.sqrt(((nodes - centre) ** 2).sum(axis=1).mean()))
+
+
+def _canonical(nodes: Float) -> Float:
+    """Rigid transform (4, 4) into the principal frame, axes pointing to the longer tails."""
+    centre, axes, _ = _frame(nodes)
+    tails = (((nodes - centre) @ axes) ** 3).sum(axis=0)
+    signs = np.where(tails[:2] < 0, -1.0, 1.0)
+    axes = axes * np.append(signs, signs.prod())
+    return homogeneous(axes.T, -axes.T @ centre)
+
+
+def _turns() -> list[Float]:
+    """Rotations to try in the principal frame: the four flips, the cube's others, and half steps."""
+    cube = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            turn = np.zeros((3, 3))
+            turn[range(3), order] = signs
+            if np.linalg.det(turn) > 0:
+                cube.append(turn)
+    cube.sort(key=lambda turn: -np.abs(np.trace(np.abs(turn))))
+    eighth = [expm(math.pi / 4 * axis) for axis in _TURNS]
+    return cube + [half @ turn for half in eighth for turn in cube]
+
+
+def _starts(
+    source: _Side, target: _Side, own: Float, scaled: bool, partial: str, mirror: Float
+) -> list[Float]:
+    """Candidate transforms: the user's own pose first, then principal axes laid onto each other."""
+    mirrored = transformed(mirror, source.sample)
+    here, axes, size = _frame(mirrored)
+    there, target_axes, target_size = _frame(target.sample)
+    scale = target_size / size if scaled and partial == "none" else 1.0
+    out = [own @ mirror]
+    anchors = [(here, there)]
+    if partial == "source":
+        anchors += [(here, place) for place in _spread_out(target.sample, 8)]
+    if partial == "target":
+        anchors += [(place, there) for place in _spread_out(mirrored, 8)]
+    for turn in _turns():
+        rotation = scale * target_axes @ turn @ axes.T
+        for place, goal in anchors:
+            out.append(homogeneous(rotation, goal - rotation @ place) @ mirror)
+    return out
+
+
+def _spread_out(nodes: Float, count: int) -> Float:
+    """Farthest-point sample of the nodes, pulled halfway to their centroid's nearest slice."""
+    chosen = [int(np.argmax(((nodes - nodes.mean(axis=0)) ** 2).sum(axis=1)))]
+    distance = np.full(len(nodes), np.inf)
+    for _ in range(min(count, len(nodes)) - 1):
+        distance = np.minimum(distance, ((nodes - nodes[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(np.argmax(distance)))
+    reach = np.sqrt(np.maximum(distance.max(), np.finfo(float).tiny))
+    tree = cKDTree(nodes)
+    return np.array([nodes[tree.query_ball_point(nodes[i], reach)].mean(axis=0) for i in chosen])
+
+
+def _best_start(
+    source: _Side, target: _Side, own: Float, kind: str, partial: str, mirror: Float, tolerance: float
+) -> tuple[Float, float]:
+    """Compare the starts by one look, the best of them by ICP; return (transform, misfit)."""
+    starts = _starts(source, target, own, kind != "rigid", partial, mirror)
+    scouts, aims = source.thinned(SCOUTS), target.thinned(SCOUTS)
+    first = np.array([_pairs(start, scouts, aims, partial).misfit for start in starts])
+    # the user's pose and the four flips always get their chance
+    always = list(range(min(5, len(starts)))) if partial == "none" else [0]
+    chosen = dict.fromkeys(always + [int(i) for i in np.argsort(first, kind="stable")[:REFINED_STARTS]])
+    tried = [icp(starts[i], scouts, aims, "rigid", partial, 25, tolerance * 100) for i in chosen]
+    ranked = sorted(range(len(tried)), key=lambda i: tried[i][1])[:3]
+    loose = kind if partial == "none" else "rigid"
+    final = [icp(tried[i][0], scouts, aims, loose, partial, 25, tolerance * 100) for i in ranked]
+    return min(final, key=lambda found: found[1])
+
+
+def unit_factor(source: Surface, target: Surface) -> float | None:
+    """Return the factor that would bring the source to the target's unit, if one seems needed."""
+    ratio = _frame(target.vertices)[2] / _frame(source.vertices)[2]
+    if 0.25 < ratio < 4.0:
+        return None
+    known = [f for factor in UNIT_FACTORS for f in (factor, 1.0 / factor)]
+    factor = min(known, key=lambda f: abs(math.log(ratio / f)))
+    return factor if abs(math.log(ratio / factor)) < math.log(2.0) else None
+
+
+def align(
+    source: Surface,
+    target: Surface,
+    kind: str = "affine",
+    *,
+    partial: str = "none",
+    fix_units: bool = False,
+    fix_mirror: bool = False,
+    landmarks: tuple[Float, Float] | None = None,
+    progress: Progress = silent,
+) -> Alignment:
+    """Lay the source onto the target.
+
+    Parameters
+    ----------
+    source, target : Surface
+        Cleaned surfaces.
+    kind : {"none", "rigid", "similarity", "affine"}
+        What the transform may do.
+    partial : {"none", "source", "target"}
+        Which of the two shows only a part of the other.
+    fix_units, fix_mirror : bool
+        Apply a unit factor or a mirror image where one is found; otherwise only say so.
+    landmarks : ((k, 3), (k, 3)), optional
+        Paired landmarks on source and target: the start, instead of trying poses.
+    """
+    warnings: list[str] = []
+    start = np.eye(4)
+    factor = unit_factor(source, target) if partial == "none" else None
+    if factor is not None:
+        words = f"the source seems to be in another unit: {factor:g} times its size would fit the target"
+        warnings.append(words + (", and was applied" if fix_units else "; tick Convert units to apply it"))
+        if fix_units:
+            start = np.diag([factor, factor, factor, 1.0])
+    if kind == "none":
+        return Alignment(start, _misfit(start, source, target, partial), tuple(warnings))
+    progress(0.0, "alignment: samples")
+    # in its own principal frame the source is reduced alike from whatever pose it comes
+    canonical = _canonical(transformed(start, source.vertices))
+    start = canonical @ start
+    scaled = source.moved(transformed(start, source.vertices))
+    ours, theirs = _Side.of(scaled, SAMPLE), _Side.of(target, SAMPLE)
+    tolerance = 1e-6 * target.diagonal
+    if landmarks is not None:
+        points = transformed(start, landmarks[0])
+        first = landmark_transform(points, landmarks[1], "rigid" if kind == "rigid" else "similarity")
+    else:
+        own = np.linalg.inv(canonical)
+        first, mirrored = _choose_hand(ours, theirs, own, kind, partial, tolerance, fix_mirror, progress)
+        warnings.extend(mirrored)
+    progress(0.6, "alignment: rigid")
+    matrix, residual = icp(first, ours, theirs, "rigid", partial, 60, tolerance)
+    if kind != "rigid":
+        progress(0.7, f"alignment: {kind}")
+        matrix, residual = icp(matrix, ours, theirs, "similarity", partial, 60, tolerance)
+    if kind == "affine":
+        matrix, residual = icp(matrix, ours, theirs, "affine", partial, 100, tolerance)
+    progress(1.0, "alignment")
+    return Alignment(matrix @ start, residual, tuple(warnings))
+
+
+def _choose_hand(
+    ours: _Side,
+    theirs: _Side,
+    own: Float,
+    kind: str,
+    partial: str,
+    tolerance: float,
+    fix: bool,
+    progress: Progress,
+) -> tuple[Float, list[str]]:
+    """Best start of the source as it is, and of its mirror image; which, and what to say of it."""
+    progress(0.05, "alignment: starting pose")
+    first, misfit = _best_start(ours, theirs, own, kind, partial, np.eye(4), tolerance)
+    progress(0.3, "alignment: mirror image")
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    other, other_misfit = _best_start(ours, theirs, own, kind, partial, mirror, tolerance)
+    if other_misfit > MIRROR_MARGIN * misfit:
+        return first, []
+    better = 100 * (1 - other_misfit / misfit)
+    words = f"the source's mirror image fits the target better by {better:.0f} % (left against right?)"
+    if fix:
+        return other, [words + "; it was mirrored"]
+    return first, [words + "; tick Mirror if better to use it"]
+
+
+def _misfit(matrix: Float, source: Surface, target: Surface, partial: str) -> float:
+    return _pairs(matrix, _Side.of(source, SAMPLE), _Side.of(target, SAMPLE), partial).misfit
