@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where triangulated surfaces cross: edges that pierce faces, within one surface or between two.
+
+Two triangles in general position cross exactly when an edge of one pierces the other. Within one
+surface an edge is not tested against faces at its own ends: a pair of faces with one common corner is
+decided by the edges opposite that corner, and a pair with a common edge cannot cross (one folded flat
+onto the other is what `quality.flipped_faces` looks for).
+
+Touching is not crossing: both ends of the edge have to lie off the plane of the face, on opposite
+sides, by more than the rounding of the arithmetic (`ROUNDING`); coplanar overlap is touching. The
+outline of a face belongs to it, and the two faces at an edge evaluate the same numbers with opposite
+signs, so that nothing slips through between neighbours.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .mesh import Float, Int, Surface
+
+Index = NDArray[np.int64]
+
+BLOCK_PAIRS = 1_000_000
+"""Pairs of faces looked at together: about 200 MB of temporaries."""
+
+ROUNDING = 16 * np.finfo(np.float64).eps
+"""Heights over a plane below this share of the largest coordinate (and more for slender faces) are zero."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Piercings:
+    """Edges of one surface that go through faces of another (or of the same).
+
+    Attributes
+    ----------
+    edge : (k,) int32
+        Row of `Surface.edges` of the first surface, ascending.
+    face : (k,) int32
+        Face of the second surface.
+    t : (k,) float64
+        Where along the edge, 0 at its first vertex and 1 at its second.
+    """
+
+    edge: Int
+    face: Int
+    t: Float
+
+    def points(self, surface: Surface) -> Float:
+        """Return the points of piercing (k, 3); `surface` is the one that the edges belong to."""
+        ends = surface.vertices[surface.edges[self.edge]]
+        return ends[:, 0] + self.t[:, None] * (ends[:, 1] - ends[:, 0])
+
+
+def piercings(a: Surface, b: Surface) -> Piercings:
+    """Find every edge of `a` that pierces a face of `b`; ``b is a`` tests a surface against itself."""
+    one, two = _Planes.of(a, b)
+    found = []
+    for f, g in _candidates(a, b):
+        found.append((*_pierced(one, f, two, g, a is b), g))
+        if a is b:
+            found.append((*_pierced(one, g, two, f, True), f))
+    if not found:
+        none = np.empty(0, dtype=np.int32)
+        return Piercings(none, none, np.empty(0))
+    n = len(a.vertices)
+    face = np.concatenate([g[rows] for rows, _, _, g in found])
+    ends = np.concatenate([ends for _, ends, _, _ in found]).astype(np.int64)
+    t = np.concatenate([t for _, _, t, _ in found])
+    keys = a.edges[:, 0].astype(np.int64) * n + a.edges[:, 1]
+    edge = np.searchsorted(keys, ends[:, 0] * n + ends[:, 1])
+    # each face at the edge has found it
+    _, first = np.unique(edge * len(b.faces) + face, return_index=True)
+    return Piercings(edge[first].astype(np.int32), face[first].astype(np.int32), t[first])
+
+
+def crossings(a: Surface, b: Surface) -> Int:
+    """Return the pairs (k, 2) int32 (face of `a`, face of `b`) that cross, in lexicographic order.
+
+    Only what lies where the bounding boxes overlap is looked at. With ``b is a`` each pair is given
+    once, lower index first.
+    """
+    one, two = _Planes.of(a, b)
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for f, g in _candidates(a, b):
+        rows = np.concatenate((_pierced(one, f, two, g, a is b)[0], _pierced(two, g, one, f, a is b)[0]))
+        found.append(np.column_stack((f[rows], g[rows])))
+    pairs = np.concatenate(found)
+    if a is b:
+        pairs.sort(axis=1)
+    keys = np.unique(pairs[:, 0] * len(b.faces) + pairs[:, 1])
+    return np.column_stack(np.divmod(keys, max(len(b.faces), 1))).astype(np.int32)
+
+
+def self_intersections(surface: Surface) -> Int:
+    """Return the pairs (k, 2) int32 of faces of a surface that cross, lower index first, in order."""
+    return crossings(surface, surface)
+
+
+# --- the test ---------------------------------------------------------------------------------------
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Planes:
+    """Faces as planes, with the height (m,) below which a point counts as lying in each."""
+
+    faces: Int
+    vertices: Float
+    corners: Float
+    normals: Float
+    tolerance: Float
+
+    @classmethod
+    def of(cls, *surfaces: Surface) -> list[_Planes]:
+        scale = max((float(np.abs(s.vertices).max()) for s in surfaces if len(s.vertices)), default=0.0)
+        out = []
+        for s in surfaces:
+            sides = [s.corners[:, i] - s.corners[:, i - 1] for i in range(3)]
+            longest = np.max([_dot(side, side) for side in sides], axis=0)
+            area = 2.0 * s.face_areas
+            slender = np.divide(longest, area, out=np.full(len(area), np.inf), where=area > 0)
+            # a face without area has no plane: nothing is ever off it
+            tolerance = np.where(area > 0, ROUNDING * scale * slender, np.inf)
+            out.append(cls(s.faces, s.vertices, s.corners, s.face_normals, tolerance))
+        return out
+
+
+def _pierced(one: _Planes, f: Index, two: _Planes, g: Index, same: bool) -> tuple[Index, Int, Float]:
+    """Test the edges of each face f against the face g beside it in the list.
+
+    Returns (row of the pair, (k, 2) vertices of the edge, t along it) of the edges that pierce.
+    """
+    heights, tolerance = _heights(one, f, two, g), two.tolerance[g]
+    straddle = (np.minimum.reduce(heights) < -tolerance) & (np.maximum.reduce(heights) > tolerance)
+    # a face that lies on one side of the other's plane is only touched, if that
+    straddle = np.flatnonzero(straddle)
+    back, slack = _heights(two, g[straddle], one, f[straddle]), one.tolerance[f[straddle]]
+    straddle = straddle[(np.minimum.reduce(back) <= slack) & (np.maximum.reduce(back) >= -slack)]
+    height, tolerance = np.column_stack([h[straddle] for h in heights]), tolerance[straddle, None]
+    above, below = height > tolerance, height < -tolerance
+    row, side = np.nonzero((above & below[:, [1, 2, 0]]) | (below & above[:, [1, 2, 0]]))
+    start, stop = height[row, side], height[row, (side + 1) % 3]
+    row_of_pair = straddle[row]
+    ends = np.column_stack((one.faces[f[row_of_pair], side], one.faces[f[row_of_pair], (side + 1) % 3]))
+    # both faces at the edge have to see the very same numbers: lower vertex first
+    swap = ends[:, 0] > ends[:, 1]
+    ends[swap] = ends[swap, ::-1]
+    t = np.where(swap, stop, start) / np.where(swap, stop - start, start - stop)
+    u = one.vertices[ends[:, 0]]
+    along, corners = one.vertices[ends[:, 1]] - u, two.corners[g[row_of_pair]] - u[:, None]
+    # signed volumes of (edge, side of the face): exactly negated when seen from the face beyond the side
+    volumes = [_dot(along, np.cross(corners[:, i], corners[:, (i + 1) % 3])) for i in range(3)]
+    inside = (np.min(volumes, axis=0) >= 0) | (np.max(volumes, axis=0) <= 0)
+    if same:
+        inside &= ~(two.faces[g[row_of_pair]][:, :, None] == ends[:, None, :]).any(axis=(1, 2))
+    return row_of_pair[inside], ends[inside], t[inside]
+
+
+def _heights(one: _Planes, f: Index, two: _Planes, g: Index) -> list[Float]:
+    """Heights of the three corners of each face f over the plane of the face g beside it."""
+    base, normal = two.corners[g, 0], two.normals[g]
+    return [_dot(one.vertices[one.faces[f, k]] - base, normal) for k in range(3)]
+
+
+def _dot(a: Float, b: Float) -> Float:
+    return np.einsum("ij,ij->i", a, b)
+
+
+# --- candidates -------------------------------------------------------------------------------------
+def _candidates(a: Surface, b: Surface) -> Iterator[tuple[Index, Index]]:
+    """Yield blocks of pairs (face of a, face of b) whose enclosing balls overlap.
+
+    Balls are searched octave of size by octave of size, so that one large face does not widen the
+    search of a million small ones.
+    """
+    faces_a, faces_b = np.arange(len(a.faces)), np.arange(len(b.faces))
+    if len(faces_a) and len(faces_b) and a is not b:
+        low, high = np.maximum(a.bounds[0], b.bounds[0]), np.minimum(a.bounds[1], b.bounds[1])
+        faces_a, faces_b = _within(a.corners, low, high), _within(b.corners, low, high)
+    if not len(faces_a) or not len(faces_b):
+        return
+    classes_a = _classes(a.corners, faces_a)
+    classes_b = classes_a if a is b else _classes(b.corners, faces_b)
+    for i, one in enumerate(classes_a):
+        for two in classes_b[i:] if a is b else classes_b:
+            for f, g in _overlapping(one, two):
+                yield one.face[f], two.face[g]
+
+
+def _within(corners: Float, low: Float, high: Float) -> Index:
+    """Indices of the faces (m, 3, 3) whose bounding box reaches into a box."""
+    return np.flatnonzero(((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Balls:
+    """Enclosing balls of about one size: tree of their centres, radii, and the face of each."""
+
+    tree: cKDTree
+    radius: Float
+    face: Index
+
+
+def _overlapping(one: _Balls, two: _Balls) -> Iterator[tuple[Index, Index]]:
+    """Yield pairs of balls that overlap, `BLOCK_PAIRS` or so at a time; ``two is one`` gives each once."""
+    reach = (one.radius.max() + two.radius.max()) * (1 + 1e-9)
+    order, stride = one.tree.indices, 32
+    sample = two.tree.query_ball_point(one.tree.data[order[::stride]], reach, return_length=True)
+    block = np.cumsum(np.asarray(sample, dtype=np.int64) * stride) // BLOCK_PAIRS
+    if one is two and block[-1] == 0:
+        pairs = one.tree.query_pairs(reach, output_type="ndarray")
+        yield pairs[:, 0], pairs[:, 1]
+        return
+    for rows in np.split(order, (np.flatnonzero(np.diff(block)) + 1) * stride):
+        if not len(rows):
+            continue
+        tree = cKDTree(one.tree.data[rows], balanced_tree=False)
+        pairs = tree.sparse_distance_matrix(two.tree, reach, output_type="ndarray")
+        f, g = rows[pairs["i"]], pairs["j"]
+        near = pairs["v"] <= (one.radius[f] + two.radius[g]) * (1 + 1e-9)
+        if one is two:
+            near &= f < g
+        yield f[near], g[near]
+
+
+def _classes(corners: Float, faces: Index) -> list[_Balls]:
+    """Sort the enclosing balls of some faces by octaves of size."""
+    centre, radius, owner = _pieces(corners[faces], faces)
+    smallest = max(float(np.median(radius)) / 1024, np.finfo(float).tiny)
+    octave = np.ceil(np.log2(np.maximum(radius, smallest) / smallest)).astype(np.int64)
+    classes = []
+    for level in np.unique(octave):
+        rows = np.flatnonzero(octave == level)
+        classes.append(_Balls(cKDTree(centre[rows], balanced_tree=False), radius[rows], owner[rows]))
+    return classes
+
+
+def _pieces(corners: Float, owner: Index) -> tuple[Float, Float, Index]:
+    """Enclosing balls of faces (m, 3, 3): (centres, radii, owner of each).
+
+    The ball of a long thin face holds much that is not near it: faces larger than the usual are
+    halved, the largest first, until there are some times as many pieces as faces.
+    """
+    centre, radius = _balls(corners)
+    usual, budget = 2.0 * float(np.median(radius)), 3 * len(corners) + 1000
+    while True:
+        large = radius > max(usual, 0.5 * float(radius.max()))
+        if not large.any() or len(radius) > budget:
+            return centre, radius, owner
+        halves = _halved(corners[large])
+        new_centre, new_radius = _balls(halves)
+        corners = np.concatenate((corners[~large], halves))
+        centre = np.concatenate((centre[~large], new_centre))
+        radius = np.concatenate((radius[~large], new_radius))
+        owner = np.concatenate((owner[~large], np.tile(owner[large], 2)))
+
+
+def _balls(corners: Float) -> tuple[Float, Float]:
+    centre = corners.mean(axis=1)
+    return centre, np.sqrt(np.max(np.sum((corners - centre[:, None]) ** 2, axis=2), axis=1))
+
+
+def _halved(corners: Float) -> Float:
+    """Cut each face (m, 3, 3) at the middle of its longest side: first halves, then second halves."""
+    rows = np.arange(len(corners))
+    sides = [corners[:, (i + 1) % 3] - corners[:, i] for i in range(3)]
+    start = np.argmax([_dot(side, side) for side in sides], axis=0)
+    stop = (start + 1) % 3
+    middle = 0.5 * (corners[rows, start] + corners[rows, stop])
+    one, two = corners.copy(), corners.copy()
+    one[rows, stop], two[rows, start] = middle, middle
+    return np.concatenate((one, two))

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every measure of a morphed mesh, in one place: how well it fits, how well it is shaped.
+
+The definitions are those of Andreassen et al. (2024); they reproduce the figures stored with the
+authors' example. No measure of an empty or degenerate mesh is ever NaN or infinite.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from .intersect import Piercings, crossings, piercings, self_intersections
+from .mesh import Float, Int, Surface, unit
+from .nearest import SurfaceIndex
+
+__all__ = [
+    "Comparison",
+    "Piercings",
+    "Stat",
+    "aspect_ratio",
+    "compare",
+    "crossings",
+    "degenerate",
+    "dihedral_angles",
+    "flipped_faces",
+    "nearest_vertex_distance",
+    "piercings",
+    "self_intersections",
+    "skewness",
+]
+
+WORST_ASPECT = 1e6
+"""Aspect ratio given to a face with a side of no length, and the largest given to any."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Stat:
+    """A sample in four numbers: median, 1st and 99th percentile, maximum; all 0 for an empty one."""
+
+    median: float
+    p01: float
+    p99: float
+    maximum: float
+
+    @classmethod
+    def of(cls, values: ArrayLike) -> Stat:
+        """Summarise finite values of any shape (percentiles by linear interpolation)."""
+        values = np.asarray(values, dtype=np.float64).ravel()
+        if not len(values):
+            return cls(0.0, 0.0, 0.0, 0.0)
+        median, p01, p99 = np.percentile(values, (50, 1, 99))
+        return cls(float(median), float(p01), float(p99), float(values.max()))
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the four numbers by name."""
+        return dataclasses.asdict(self)
+
+    def __str__(self) -> str:
+        """Return for instance ``0.130 [0.002, 0.870] max 2.62``."""
+        return f"{self.median:.3f} [{self.p01:.3f}, {self.p99:.3f}] max {_short(self.maximum)}"
+
+
+def _short(value: float) -> str:
+    """Three significant digits, without an exponent and never fewer than the whole part."""
+    digits = 2 - int(np.floor(np.log10(abs(value)))) if value else 2
+    return f"{value:.{min(max(digits, 0), 6)}f}"
+
+
+# --- the shape of faces -----------------------------------------------------------------------------
+def aspect_ratio(surface: Surface) -> Float:
+    """Longest side over shortest side of each face (m,), from 1 to `WORST_ASPECT`."""
+    squared = _squared_sides(surface)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.sqrt(squared.max(axis=1) / squared.min(axis=1))
+    return np.where(ratio < WORST_ASPECT, ratio, WORST_ASPECT)  # also where it is NaN
+
+
+def skewness(surface: Surface) -> Float:
+    """Equiangular skewness of each face (m,): 0 equilateral, 1 degenerate.
+
+    ``max((largest - 60) / 120, (60 - smallest) / 60)`` of the angles in degrees; as an angle sum of
+    180 makes the second the larger of the two, or its equal, it is ``1 - smallest / 60``.
+    """
+    smallest = np.full(len(surface.faces), np.pi / 3)
+    for i in range(3):
+        here = surface.corners[:, i]
+        one, two = surface.corners[:, i - 2] - here, surface.corners[:, i - 1] - here
+        angle = np.arctan2(2.0 * surface.face_areas, np.einsum("ij,ij->i", one, two))
+        smallest = np.minimum(smallest, angle)
+    return 1.0 - smallest / (np.pi / 3)
+
+
+def dihedral_angles(surface: Surface) -> Float:
+    """Angle between the normals of the two faces at an edge, in degrees: 0 flat, 180 folded back.
+
+    One value per half-edge (2k,), so that each edge with two faces counts twice; the surface has to
+    be wound consistently. A face without area has no direction and counts as flat.
+    """
+    pairs, _ = surface.edge_faces
+    one, two = surface.face_normals[pairs[:, 0]], surface.face_normals[pairs[:, 1]]
+    # Kahan's form: exact for small angles, where the arc cosine loses half the digits
+    apart, along = np.linalg.norm(one - two, axis=1), np.linalg.norm(one + two, axis=1)
+    angle = np.degrees(2.0 * np.arctan2(apart, along))
+    angle[~(one.any(axis=1) & two.any(axis=1))] = 0.0
+    return np.repeat(angle, 2)
+
+
+def degenerate(surface: Surface) -> np.ndarray:
+    """True (m,) for the faces without area: height below 1e-12 of the longest side."""
+    return ~(2.0 * surface.face_areas > 1e-12 * _squared_sides(surface).max(axis=1, initial=0.0))
+
+
+def flipped_faces(before: Surface, after: Surface) -> Int:
+    """Return the faces (k,) int32 that a movement has folded over or flattened to nothing.
+
+    A face is folded over where its normal opposes the mean of the normals at its own corners, so that
+    a mesh which is mirrored as a whole has none. Faces that were so `before` do not count.
+
+    Parameters
+    ----------
+    before, after : Surface
+        The same faces at two sets of positions.
+    """
+    if before.faces is not after.faces and not np.array_equal(before.faces, after.faces):
+        raise ValueError("flipped_faces() compares one mesh at two sets of positions")
+    folded = _opposed(after) & ~_opposed(before)
+    return np.flatnonzero(folded | (degenerate(after) & ~degenerate(before))).astype(np.int32)
+
+
+def _opposed(surface: Surface) -> np.ndarray:
+    """True (m,) for the faces turned against their neighbourhood."""
+    around = surface.vertex_normals[surface.faces].sum(axis=1)
+    return np.einsum("ij,ij->i", surface.face_normals, unit(around)) < -1e-9
+
+
+def _squared_sides(surface: Surface) -> Float:
+    sides = [surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3)]
+    return np.column_stack([np.einsum("ij,ij->i", side, side) for side in sides])
+
+
+# --- distances --------------------------------------------------------------------------------------
+def nearest_vertex_distance(points: ArrayLike, target_vertices: ArrayLike) -> Float:
+    """Distance (p,) from each point to the nearest target vertex: the paper's "Hausdorff" distance."""
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    target = np.asarray(target_vertices, dtype=np.float64).reshape(-1, 3)
+    if not len(points) or not len(target):
+        return np.zeros(len(points))
+    return np.asarray(cKDTree(target, balanced_tree=False).query(points)[0])
+
+
+def _used(surface: Surface) -> Float:
+    """The positions of the vertices that faces use; a loose vertex is no part of the surface."""
+    used = np.zeros(len(surface.vertices), dtype=bool)
+    used[surface.faces.ravel()] = True
+    return surface.vertices[used]
+
+
+# --- all of them ------------------------------------------------------------------------------------
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """A morphed mesh against its target and against what it was.
+
+    Attributes
+    ----------
+    surface_to_target, target_to_surface : Stat
+        Exact distance from the vertices of the one to the surface of the other. The first is small
+        by construction wherever vertices are projected; the second shows what was not covered.
+    hausdorff : Stat
+        Distance from each morphed vertex to the nearest target vertex. It does not go to zero: on a
+        perfect surface it is about 0.4 of the target's edge length.
+    aspect, skewness, dihedral : Stat
+        Shape of the morphed faces, see `aspect_ratio`, `skewness`, `dihedral_angles` (degrees).
+    movement : Stat
+        Distance from each source vertex to its morphed position.
+    flipped : int
+        Faces folded over or flattened by the movement, see `flipped_faces`.
+    self_intersecting : int
+        Morphed faces that cross another, see `self_intersections`.
+    """
+
+    surface_to_target: Stat
+    target_to_surface: Stat
+    hausdorff: Stat
+    aspect: Stat
+    skewness: Stat
+    dihedral: Stat
+    movement: Stat
+    flipped: int
+    self_intersecting: int
+
+    def as_dict(self) -> dict[str, dict[str, float] | int]:
+        """Return all of it as plain numbers by name."""
+        return dataclasses.asdict(self)
+
+
+def compare(
+    source: Surface, morphed: Surface, target: Surface, *, target_index: SurfaceIndex | None = None
+) -> Comparison:
+    """Measure `morphed` (the faces of `source` at new positions) against `target`.
+
+    All three cleaned: merged and wound consistently. `target_index` is the search structure of
+    `target`, where there is one already.
+    """
+    points, aims = _used(morphed), _used(target)
+    there = back = np.zeros(0)
+    if len(points) and len(aims):
+        there = (target_index or SurfaceIndex(target)).closest(points).distance
+        back = SurfaceIndex(morphed).closest(aims).distance
+    return Comparison(
+        surface_to_target=Stat.of(there),
+        target_to_surface=Stat.of(back),
+        hausdorff=Stat.of(nearest_vertex_distance(points, aims)),
+        aspect=Stat.of(aspect_ratio(morphed)),
+        skewness=Stat.of(skewness(morphed)),
+        dihedral=Stat.of(dihedral_angles(morphed)),
+        movement=Stat.of(np.linalg.norm(morphed.vertices - source.vertices, axis=1)),
+        flipped=len(flipped_faces(source, morphed)),
+        self_intersecting=len(np.unique(self_intersections(morphed))),
+    )
