@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# `make help` lists what there is. On a fresh machine with Python 3.11: `make demo`, `make test`.
+SHELL := /bin/bash
+PYTHON ?=
+VENV := .venv
+STAMP := $(VENV)/.made-by-make
+DATA := $(or $(FEMORS_DATA),../shared/data)
+BLENDER_DIR := $(or $(FEMORS_BLENDER_DIR),$(HOME)/.cache/femors/blender)
+FETCH := ../shared/tools/get-blender.sh
+
+.PHONY: help setup demo test lint format bench blender clean distclean
+.DEFAULT_GOAL := help
+
+help: ## what there is to make
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|' 2>/dev/null \
+	  || sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1: \2/p' $(MAKEFILE_LIST)
+	@echo "The command line: $(VENV)/bin/python -m femors_addon --help"
+
+setup: $(STAMP) ## .venv with Blender as a Python module (bpy), NumPy, SciPy and the test tools
+
+$(STAMP): requirements/venv.txt requirements/make_venv.sh
+	@requirements/make_venv.sh "$(VENV)" "$(PYTHON)"
+	@touch $@
+
+demo: setup ## two bones of its own making, morphed through the real operator: .blend, .stl, report, PNG
+	@$(VENV)/bin/python demo/run.py
+
+test: setup ## core tests, Blender tests on the bpy wheel, and in a real blender where there is one
+	@tests/run_all.sh
+
+lint: setup ## ruff and mypy
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+format: setup ## let ruff rewrite the layout of the code
+	$(VENV)/bin/ruff format .
+
+bench: setup ## figures on real bones, which need ../shared/data
+	@[ -d "$(DATA)" ] || { echo "make bench: there is no folder $(DATA) with the bones (FEMORS_DATA=... names another)"; exit 1; }
+	@$(VENV)/bin/python tests/bench/bench_morph.py
+
+blender: ## fetch a real Blender binary (Debian's) for the tests
+	@[ -x "$(FETCH)" ] || { echo "make blender: there is no $(FETCH); install Blender yourself and set BLENDER=/path/to/blender"; exit 1; }
+	@$(FETCH) trixie "$(BLENDER_DIR)"
+
+clean: ## remove what tests and demos leave; .venv stays
+	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis demo_output bench_output dist
+	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
+
+distclean: clean ## remove .venv too
+	rm -rf $(VENV)

@@ -1,0 +1,53 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: GPL-3.0-or-later
+# run_all.sh: what `make test` runs. The core's tests; the Blender tests on the bpy wheel of .venv;
+# the same inside a real `blender -b`, where one is found: $BLENDER, `blender` on PATH, or the one
+# that `make blender` has fetched. The last line says what ran, what it gave, and what was skipped.
+#   FEMORS_NEED_BLENDER=1   a missing real Blender is a failure (CI)
+set -uo pipefail
+cd "$(dirname "$0")/.." || exit 1
+python=.venv/bin/python
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+limit=""
+command -v timeout >/dev/null && limit="timeout --foreground -k 10 1200" # a hang must not last for ever
+verdict="" failed=0
+
+# stage NAME COMMAND...: run pytest and keep its closing line
+stage() {
+  local name=$1 code result
+  shift
+  printf '\n##### %s\n' "$name"
+  $limit "$@" </dev/null 2>&1 | tee "$work/out"
+  code=${PIPESTATUS[0]}
+  result=$(sed -n 's/^=* *\([0-9].* in [0-9.]*s\).*$/\1/p' "$work/out" | tail -n 1)
+  if [ "$code" -ne 0 ]; then
+    failed=1
+    result="FAILED with exit code $code${result:+ ($result)}"
+  fi
+  verdict+="$name: ${result:-passed}; "
+}
+
+blender=${BLENDER:-$(command -v blender || true)}
+fetched=${FEMORS_BLENDER_DIR:-$HOME/.cache/femors/blender}/blender-trixie
+[ -n "$blender" ] || [ ! -x "$fetched" ] || blender=$fetched
+
+stage "core" "$python" -m pytest
+stage "bpy wheel" env BLENDER_USER_RESOURCES="$(mktemp -d "$work/wheel-XXXX")" "$python" -m pytest tests/blender
+
+if [ -z "$blender" ]; then
+  verdict+="SKIPPED: blender -b, for no blender was found ('make blender' fetches one, BLENDER=... names one)"
+  [ -z "${FEMORS_NEED_BLENDER:-}" ] || failed=1
+elif site=$(tests/prepare_blender.sh "$blender"); then
+  version=$("$blender" --version 2>/dev/null </dev/null | head -n 1)
+  stage "blender -b ($version)" env FEMORS_SITE="$site" BLENDER_USER_RESOURCES="$(mktemp -d "$work/real-XXXX")" \
+    "$blender" -b --factory-startup --python-exit-code 1 --python tests/run_in_blender.py -- tests/blender
+  verdict+="nothing left out"
+else
+  failed=1
+  verdict+="blender -b ($blender): FAILED, it could not be prepared"
+fi
+
+[ -d "${FEMORS_DATA:-../shared/data}" ] || verdict+="; without ../shared/data, so the tests on real anatomy were skipped"
+printf '\nmake test: %s\n' "$verdict"
+exit $failed
