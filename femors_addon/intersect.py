@@ -228,8 +228,11 @@ def _overlapping(one: _Balls, two: _Balls) -> Iterator[tuple[Index, Index]]:
 def _classes(corners: Float, faces: Index) -> list[_Balls]:
     """Sort the enclosing balls of some faces by octaves of size."""
     centre, radius, owner = _pieces(corners[faces], faces)
-    smallest = max(float(np.median(radius)) / 1024, np.finfo(float).tiny)
-    octave = np.ceil(np.log2(np.maximum(radius, smallest) / smallest)).astype(np.int64)
+    # below a thousandth of the usual size all are one class
+    smallest = max(float(np.median(radius)) * 2.0**-10, float(radius.max()) * 2.0**-30)
+    octave = np.zeros(len(radius), dtype=np.int64)
+    if smallest > 0:
+        octave = np.ceil(np.log2(np.maximum(radius, smallest) / smallest)).astype(np.int64)
     classes = []
     for level in np.unique(octave):
         rows = np.flatnonzero(octave == level)
