@@ -19,8 +19,9 @@ PARTIALS = (
     ("target", "Target is part", "The target covers a part of what the source shows"),
 )
 CORRESPONDENCES = (
-    ("surface", "Surface", "Closest compatible point on the other surface; both ways"),
-    ("nearest", "Nearest node", "Nearest node in position and normal, as published; both ways"),
+    ("mixed", "Normals, then surface", "Nearest in position and normal, then the closest surface points"),
+    ("surface", "Surface", "Closest surface point that faces the same way, all the way"),
+    ("nearest", "Normals", "Nearest node in position and normal all the way, as published"),
 )
 PRESET_CHOICES = (
     ("standard", "Standard", "For most bones and soft tissues"),
@@ -28,6 +29,21 @@ PRESET_CHOICES = (
     ("gross", "Gross shape", "Only the large differences: smooth, for noisy or coarse targets"),
     ("fine", "Fine detail", "More and finer steps, down to the target's details"),
 )
+
+
+def _iterations(default: int, label: str, help: str) -> int:
+    count: int = setting(default, label, help, minimum=0, maximum=500, advanced=True)
+    return count
+
+
+def _factor(default: float, label: str, help: str) -> float:
+    factor: float = setting(default, label, help, minimum=0.0, maximum=1.0, unit="factor", advanced=True)
+    return factor
+
+
+def _step(default: float, label: str, help: str) -> float:
+    share: float = setting(default, label, help, minimum=0.01, maximum=1.5, unit="factor", advanced=True)
+    return share
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +64,11 @@ class MorphSettings:
         False, "Mirror if better", "Mirror the source when it fits the target as the other side (left, right)"
     )
     correspondence: str = setting(
-        "surface", "Correspondence", "How the displacement vectors are found", choices=CORRESPONDENCES, advanced=True
+        "mixed",
+        "Correspondence",
+        "How displacement vectors are found, in both directions",
+        choices=CORRESPONDENCES,
+        advanced=True,
     )
     levels: int = setting(
         2, "Reduced levels", "Reduced meshes worked on before the dense one", minimum=0, maximum=6, advanced=True
@@ -56,30 +76,21 @@ class MorphSettings:
     reduction: float = setting(
         0.0,
         "Reduction",
-        "Fraction of the faces that the finest reduced level keeps; 0 finds it from the node count",
+        "Fraction of the nodes that the finest reduced level keeps; 0 finds it from the node count",
         minimum=0.0,
         maximum=1.0,
         unit="factor",
         advanced=True,
     )
-    iterations: int = setting(
-        8, "Iterations, reduced", "At most so many per reduced level", minimum=1, maximum=500, advanced=True
+    iterations: int = _iterations(24, "Iterations, reduced", "At most so many on the coarsest level")
+    fine_iterations: int = _iterations(
+        10, "Iterations, fine", "At most so many on each finer reduced level (or again on the only one)"
     )
-    fine_iterations: int = setting(
-        0,
-        "Iterations, fine",
-        "More iterations on the finest reduced level at the final spread",
-        minimum=0,
-        maximum=500,
-        advanced=True,
-    )
-    dense_iterations: int = setting(
-        4, "Iterations, dense", "At most so many on the dense mesh", minimum=0, maximum=500, advanced=True
-    )
+    dense_iterations: int = _iterations(2, "Iterations, dense", "At most so many on the dense mesh")
     spread_start: float = setting(
         0.0,
         "Spread, start",
-        "Spread (smoothing) of the first iteration: large moves whole regions; 0 finds it from the size",
+        "Spread (smoothing) of the first iteration: large moves whole regions; 0 is 0.15 of the target's size",
         minimum=0.0,
         unit="length",
         advanced=True,
@@ -87,73 +98,75 @@ class MorphSettings:
     spread_end: float = setting(
         0.0,
         "Spread, end",
-        "Spread of the last iteration: small reaches details; 0 finds it from the edge length",
+        "Spread of the last iteration: small reaches details; 0 is 1.4 times the mean edge",
         minimum=0.0,
         unit="length",
         advanced=True,
     )
-    spread_decay: float = setting(
-        0.0,
-        "Spread decay",
-        "Factor on the spread from one iteration to the next; 0 goes evenly from start to end",
-        minimum=0.0,
-        maximum=1.0,
-        unit="factor",
-        advanced=True,
+    spread_decay: float = _factor(
+        0.0, "Spread decay, reduced", "Factor on the spread per iteration; 0 goes evenly from start to end"
     )
-    step_scale: float = setting(
-        1.0,
-        "Step scale",
-        "Share of the field taken in each iteration on reduced meshes",
-        minimum=0.01,
-        maximum=1.5,
-        unit="factor",
-        advanced=True,
-    )
-    dense_step_scale: float = setting(
-        1.0,
-        "Step scale, dense",
-        "Share of the field taken in each iteration on the dense mesh",
-        minimum=0.01,
-        maximum=1.5,
-        unit="factor",
-        advanced=True,
-    )
+    fine_spread_decay: float = _factor(0.0, "Spread decay, fine", "The same on the finer reduced levels")
+    dense_spread_decay: float = _factor(0.0, "Spread decay, dense", "The same on the dense mesh")
+    step_scale: float = _step(1.3, "Step scale, reduced", "Share of the field taken in each iteration")
+    fine_step_scale: float = _step(1.3, "Step scale, fine", "The same on the finer reduced levels")
+    dense_step_scale: float = _step(1.0, "Step scale, dense", "The same on the dense mesh")
     normal_weight: float = setting(
         0.0,
         "Normal weight",
-        "Weight of the normals in the nearest-node search; nearest-node correspondence only",
+        "Length that a unit normal stands for in the search; 0 is 0.12 of the target's size",
         minimum=0.0,
         unit="length",
         advanced=True,
     )
-    normal_decay: float = setting(
-        1.0,
-        "Normal weight decay",
-        "Factor on the normal weight from one iteration to the next",
+    fine_normal_weight: float = setting(
+        0.0,
+        "Normal weight, fine",
+        "The same from the finer levels on; 0 is half of the first",
         minimum=0.0,
-        maximum=1.0,
-        unit="factor",
+        unit="length",
         advanced=True,
+    )
+    normal_decay: float = _factor(0.0, "Normal weight decay", "Factor per iteration; 0 follows the spread")
+    fine_normal_decay: float = _factor(0.0, "Normal weight decay, fine", "The same from the finer levels on")
+    sliding: int = setting(
+        10,
+        "Sliding",
+        "Rounds per iteration that let the displacement even out along the surface",
+        minimum=0,
+        maximum=100,
+        advanced=True,
+    )
+    projection: float = _factor(
+        1.0,
+        "Projection",
+        "Share of the remaining distance to the target taken at the end; less on a noisy target",
     )
     relaxation: int = setting(
         4,
         "Relaxation",
-        "Rounds that even out the element shapes along the surface at the end",
+        "Rounds at the end that give the elements the shapes that they had in the source",
         minimum=0,
         maximum=50,
+        advanced=True,
+    )
+    field_spread: float = setting(
+        0.0,
+        "Field spread",
+        "Spread of the field that is kept for other points; 0 is 0.75 times the mean edge",
+        minimum=0.0,
+        unit="length",
         advanced=True,
     )
     tolerance: float = setting(
         1e-4,
         "Tolerance",
-        "A level ends when the largest change of an iteration falls below this fraction of the size",
+        "Iterations are skipped once the largest change falls below this fraction of the size",
         minimum=0.0,
         maximum=0.1,
         unit="factor",
         advanced=True,
     )
-    seed: int = setting(0, "Seed", "For what is sampled at random", minimum=0, maximum=2**31 - 1, advanced=True)
 
 
 PRESETS: dict[str, MorphSettings] = {
@@ -168,14 +181,24 @@ PRESETS: dict[str, MorphSettings] = {
         dense_iterations=10,
         spread_start=10.0,
         spread_end=1.0,
-        spread_decay=0.95,
+        spread_decay=1.0,
+        fine_spread_decay=0.995,
+        dense_spread_decay=0.95,
         step_scale=0.95,
+        fine_step_scale=0.5,
         dense_step_scale=0.75,
         normal_weight=5.0,
-        normal_decay=0.95,
+        fine_normal_weight=1.0,
+        normal_decay=0.999,
+        fine_normal_decay=0.95,
+        sliding=0,
+        projection=0.0,
         relaxation=0,
+        field_spread=1.0,
         tolerance=0.0,
     ),
-    "gross": MorphSettings(preset="gross", dense_iterations=0, relaxation=0),
-    "fine": MorphSettings(preset="fine", levels=3, iterations=12, dense_iterations=8, relaxation=8),
+    "gross": MorphSettings(preset="gross", fine_iterations=3, dense_iterations=0, projection=0.0, relaxation=0),
+    "fine": MorphSettings(
+        preset="fine", levels=3, iterations=40, fine_iterations=16, dense_iterations=4, relaxation=8
+    ),
 }

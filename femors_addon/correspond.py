@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Displacement vectors between a moving source and a target, in both directions.
+
+A pair is kept where the two surfaces face the same way; a node without a partner is left to the
+field, which takes it along with its neighbours.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .mesh import Float, Surface
+from .nearest import SurfaceIndex
+from .progress import Progress, silent
+
+FACING = 0.3  # cosine that the normals of a pair must have, at least
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Vectors:
+    """Training set of a field: where (k, 3), and the displacement asked for there (k, 3)."""
+
+    centres: Float
+    displacements: Float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square length of the displacements."""
+        return float(np.sqrt(np.mean(np.sum(self.displacements**2, axis=1)))) if len(self.centres) else 0.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Target:
+    """The target of a level: all of it to be searched, some of its nodes to search from."""
+
+    index: SurfaceIndex
+    nodes: Float
+    normals: Float
+
+    @classmethod
+    def of(cls, index: SurfaceIndex, sample: Surface) -> Target:
+        return cls(index, sample.vertices, sample.vertex_normals)
+
+
+def by_surface(source: Surface, target: Target, partial: str, progress: Progress = silent) -> Vectors:
+    """Closest compatible surface points, source to target and target to source.
+
+    Where one mesh is partial only its own nodes ask; matches to the open border of the searched
+    mesh, which stands for all that is missing beyond, are left out.
+    """
+    centres, vectors = [], []
+    if partial != "target":
+        found = target.index.closest(source.vertices, progress)
+        normals = interpolated_normals(target.index.surface, found.face, found.barycentric)
+        kept = np.einsum("ij,ij->i", source.vertex_normals, normals) > FACING
+        kept &= ~at_border(target.index.surface, found.face, found.barycentric)
+        centres.append(source.vertices[kept])
+        vectors.append((found.point - source.vertices)[kept])
+    if partial != "source":
+        found = SurfaceIndex(source).closest(target.nodes, progress)
+        normals = interpolated_normals(source, found.face, found.barycentric)
+        kept = np.einsum("ij,ij->i", target.normals, normals) > FACING
+        kept &= ~at_border(source, found.face, found.barycentric)
+        centres.append(found.point[kept])
+        vectors.append((target.nodes - found.point)[kept])
+    return Vectors(np.concatenate(centres), np.concatenate(vectors))
+
+
+def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: str) -> Vectors:
+    """Nearest nodes in position and weighted normal, both ways, as published.
+
+    The training set holds the target's nodes with the vector from their nearest source node, and the
+    source's nodes with the vector to their nearest target node.
+    """
+    ours = np.hstack((source.vertices, normal_weight * source.vertex_normals))
+    theirs = np.hstack((target.vertices, normal_weight * target.vertex_normals))
+    centres, vectors = [], []
+    if partial != "source":
+        hit = cKDTree(ours).query(theirs)[1]
+        centres.append(target.vertices)
+        vectors.append(target.vertices - source.vertices[hit])
+    if partial != "target":
+        hit = cKDTree(theirs).query(ours)[1]
+        centres.append(source.vertices)
+        vectors.append(target.vertices[hit] - source.vertices)
+    return Vectors(np.concatenate(centres), np.concatenate(vectors))
+
+
+def interpolated_normals(surface: Surface, face: np.ndarray, barycentric: Float) -> Float:
+    """Vertex normals (p, 3) interpolated on faces; not of unit length."""
+    return np.einsum("pk,pkc->pc", barycentric, surface.vertex_normals[surface.faces[face]])
+
+
+def at_border(surface: Surface, face: np.ndarray, barycentric: Float) -> np.ndarray:
+    """True (p,) where a closest point lies on an edge or vertex of the open border."""
+    border = surface.border
+    if not border.any():
+        return np.zeros(len(face), dtype=bool)
+    return ((barycentric <= 1e-9) | border[surface.faces[face]]).all(axis=1)

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Algorithm 1: deform a source mesh onto a target and keep its connectivity.
+
+Both meshes are cleaned, the source is aligned, reduced versions are made, and from the coarsest to
+the dense one: displacement vectors are found in both directions, a GRNN smooths them into one field,
+the source takes a step along it, and the spread falls. On the dense mesh the nodes are laid onto the
+target and the elements regain their shapes. See `schedule` for the numbers, `morph_settings` for what
+can be set.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from . import settings as declared
+from .align import Alignment, align, transformed
+from .correspond import Target, Vectors, by_nearest, by_surface
+from .grnn import DisplacementField
+from .mesh import Cleaned, Float, Surface, clean
+from .morph_result import MorphResult, Step, result_of
+from .morph_settings import PRESETS, MorphSettings
+from .nearest import SurfaceIndex
+from .progress import FemorsError, Progress, part, silent
+from .reduce import pyramid
+from .relax import averaging, settle, slide
+from .schedule import CARRY, Stage, node_counts, stages
+
+__all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
+
+FIELD_SPREAD = 0.75  # mean edges: the spread of the field that is kept
+
+
+def morph(
+    source: Surface,
+    target: Surface,
+    settings: MorphSettings | None = None,
+    progress: Progress = silent,
+    *,
+    weights: ArrayLike | None = None,
+    source_landmarks: ArrayLike | None = None,
+    target_landmarks: ArrayLike | None = None,
+) -> MorphResult:
+    """Morph `source` onto `target`.
+
+    Parameters
+    ----------
+    source, target : Surface
+        As the user has them: unmerged, inverted, open or in several pieces; both in one unit of
+        length, or see `MorphSettings.fix_units`.
+    settings : MorphSettings, optional
+        The *Standard* preset where it is not given.
+    progress : Progress
+        Called with the fraction done and a text; may raise `Cancelled`.
+    weights : (n,) array, optional
+        Share, in [0, 1], of the deformation that each source vertex takes. The alignment moves the
+        whole mesh all the same.
+    source_landmarks, target_landmarks : (k, 3) arrays, optional
+        Paired landmarks that the alignment starts from.
+
+    Raises
+    ------
+    FemorsError
+        A mesh that is no surface, unpaired landmarks, settings outside their limits.
+    Cancelled
+        From `progress`.
+    """
+    started = time.process_time()
+    settings = settings or MorphSettings()
+    declared.check(settings)
+    progress(0.0, "cleaning")
+    ours, theirs = clean(source.vertices, source.faces, "source"), clean(target.vertices, target.faces, "target")
+    work = _Work.begun(ours, theirs, settings, _paired(source_landmarks, target_landmarks), progress)
+    weight = _clean_weights(weights, ours, len(source.vertices))
+    displacement, history = _deform(work, weight, settings, part(progress, 0.25, 0.7))
+    displacement, left = settle(
+        work.rest, work.aligned, displacement, work.index, weight, settings, part(progress, 0.7, 0.88)
+    )
+    spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
+    field = DisplacementField(work.aligned.vertices, displacement, spread)
+    warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
+    if weights is not None and settings.alignment != "none":
+        warnings.append("weights limit the deformation, not the alignment; choose no alignment to keep parts still")
+    result = result_of(
+        source,
+        (ours, theirs),
+        (work.alignment.matrix, work.aligned, work.index),
+        field,
+        settings,
+        tuple(history),
+        left,
+        tuple(warnings),
+        part(progress, 0.88, 1.0),
+    )
+    return dataclasses.replace(result, seconds=time.process_time() - started)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Work:
+    """What stays the same through all iterations."""
+
+    alignment: Alignment
+    rest: Surface  # the source's own element shapes, mirrored where it was
+    aligned: Surface
+    index: SurfaceIndex
+    sources: list[Surface]  # from the coarsest level to the dense one
+    targets: list[Surface]
+    size: float
+
+    @classmethod
+    def begun(
+        cls,
+        ours: Cleaned,
+        theirs: Cleaned,
+        settings: MorphSettings,
+        landmarks: tuple[Float, Float] | None,
+        progress: Progress,
+    ) -> _Work:
+        target = theirs.surface
+        alignment = align(
+            ours.surface,
+            target,
+            settings.alignment,
+            partial=settings.partial,
+            fix_units=settings.fix_units,
+            fix_mirror=settings.fix_mirror,
+            landmarks=landmarks,
+            progress=part(progress, 0.0, 0.2),
+        )
+        moved = transformed(alignment.matrix, ours.surface.vertices)
+        rest, aligned = ours.surface, ours.surface.moved(moved)
+        if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
+            rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], rest.faces[:, ::-1])
+            aligned = Surface(moved, rest.faces)
+        progress(0.2, "reduced meshes")
+        counts = [node_counts(settings, len(mesh.vertices)) for mesh in (aligned, target)]
+        if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
+            counts[1] = counts[0]
+        sources = [*pyramid(aligned, counts[0]), aligned]
+        targets = [*pyramid(target, counts[1]), target]
+        return cls(alignment, rest, aligned, SurfaceIndex(target), sources, targets, target.diagonal)
+
+
+def _paired(source: ArrayLike | None, target: ArrayLike | None) -> tuple[Float, Float] | None:
+    if source is None and target is None:
+        return None
+    if source is None or target is None:
+        raise FemorsError("landmarks are needed on both meshes, in the same order")
+    return np.asarray(source, dtype=float).reshape(-1, 3), np.asarray(target, dtype=float).reshape(-1, 3)
+
+
+def _clean_weights(weights: ArrayLike | None, ours: Cleaned, count: int) -> Float | None:
+    """Weights of the cleaned vertices: the largest of those merged into each."""
+    if weights is None:
+        return None
+    given = np.asarray(weights, dtype=float).ravel()
+    if len(given) != count or not np.isfinite(given).all() or given.min() < 0 or given.max() > 1:
+        raise FemorsError(f"weights must be {count} numbers from 0 to 1, one for each source vertex")
+    out = np.zeros(len(ours.surface.vertices))
+    used = ours.vertex_map >= 0
+    np.maximum.at(out, ours.vertex_map[used], given[used])
+    return out
+
+
+def _deform(
+    work: _Work, weight: Float | None, settings: MorphSettings, progress: Progress
+) -> tuple[Float, list[Step]]:
+    """Run all stages; return the displacement of the dense mesh (n, 3) and the history."""
+    edges = [max(s.mean_edge, t.mean_edge) for s, t in zip(work.sources, work.targets, strict=True)]
+    plan = stages(settings, edges, work.size)
+    history: list[Step] = []
+    level, displacement = 0, np.zeros_like(work.sources[0].vertices)
+    for number, stage in enumerate(plan):
+        if stage.level != level:
+            displacement = _carried(work, level, stage.level, displacement, edges, settings)
+            level = stage.level
+        reporter = part(progress, number / len(plan), (number + 1) / len(plan))
+        displacement = _run(work, stage, displacement, weight, settings, history, reporter)
+    dense = len(work.sources) - 1
+    if level != dense:
+        displacement = _carried(work, level, dense, displacement, edges, settings)
+    if weight is not None and not any(stage.level == dense for stage in plan):
+        displacement = displacement * weight[:, None]
+    return displacement, history
+
+
+def _carried(
+    work: _Work, here: int, there: int, displacement: Float, edges: list[float], settings: MorphSettings
+) -> Float:
+    """Take a level's displacement to a finer level, by the field that it makes."""
+    published = settings.correspondence == "nearest" and settings.spread_start > 0
+    spread = settings.spread_start if published else CARRY * edges[here]
+    return DisplacementField(work.sources[here].vertices, displacement, spread)(work.sources[there].vertices)
+
+
+def _run(
+    work: _Work,
+    stage: Stage,
+    displacement: Float,
+    weight: Float | None,
+    settings: MorphSettings,
+    history: list[Step],
+    progress: Progress,
+) -> Float:
+    """Iterate on one level."""
+    rest, aim = work.sources[stage.level], work.targets[stage.level]
+    target = Target.of(work.index, aim)
+    mean = averaging(rest)
+    share = None if weight is None else _spread_weights(work, rest, weight)
+    calm, count = False, len(stage.iterations)
+    for number, iteration in enumerate(stage.iterations):
+        if calm and number < count - 1:
+            continue  # nothing moves any more: only the last and finest is left to try
+        moved = rest.moved(rest.vertices + displacement)
+        vectors = _vectors(moved, aim, target, iteration.normal_weight, settings.partial)
+        if not len(vectors.centres):
+            break
+        field = DisplacementField(vectors.centres, vectors.displacements, iteration.spread)
+        step = stage.step_scale * field(moved.vertices)
+        after = slide(moved, displacement + step, mean, settings.sliding)
+        step = (after - displacement) if share is None else share[:, None] * (after - displacement)
+        displacement = displacement + step
+        largest = float(np.sqrt(np.max(np.sum(step**2, axis=1))))
+        history.append(
+            Step(stage.name, len(rest.vertices), number + 1, vectors.rms, largest, iteration.spread)
+        )
+        text = f"{stage.name}, {len(rest.vertices)} nodes, iteration {number + 1} of {count}, RMS {vectors.rms:.3g}"
+        progress((number + 1) / count, text)
+        calm = largest < settings.tolerance * work.size
+    return displacement
+
+
+def _vectors(
+    moved: Surface, aim: Surface, target: Target, normal_weight: float | None, partial: str
+) -> Vectors:
+    if normal_weight is None:
+        return by_surface(moved, target, partial)
+    return by_nearest(moved, aim, normal_weight, partial)
+
+
+def _spread_weights(work: _Work, rest: Surface, weight: Float) -> Float:
+    """The dense mesh's weights at a level's nodes: those of the nearest dense node."""
+    if len(rest.vertices) == len(weight):
+        return weight
+    return weight[cKDTree(work.aligned.vertices).query(rest.vertices)[1]]

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a morph gives back: vertices, field, history, figures and warnings."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .align import transformed
+from .files import replacing
+from .grnn import DisplacementField, load_arrays
+from .mesh import Cleaned, Float, Surface
+from .morph_settings import MorphSettings
+from .nearest import SurfaceIndex
+from .progress import FemorsError, Progress
+from .quality import Comparison, compare
+
+LAYOUT = 1  # of the field's file
+REACH = 0.01  # of the target's size: a fit is reached when 99 % of both surfaces are closer than this
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """What one iteration did.
+
+    Attributes
+    ----------
+    level : str
+        Stage: reduced, fine or dense.
+    nodes : int
+        Of the mesh that was worked on.
+    iteration : int
+        Counted from one within its level.
+    rms : float
+        Root mean square length of the displacement vectors found, before the step.
+    largest : float
+        Largest movement of a node in the step.
+    spread : float
+        Of the field.
+    """
+
+    level: str
+    nodes: int
+    iteration: int
+    rms: float
+    largest: float
+    spread: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MorphResult:
+    """A morphed source.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        Position of every vertex of the source that was given, in its order.
+    transform : (4, 4) float64
+        The alignment: source to aligned source.
+    field : DisplacementField
+        From aligned positions to displacements.
+    history : tuple of Step
+    converged : bool
+        Whether the two surfaces have come together: see `stop_reason`.
+    stop_reason : str
+    warnings : tuple of str
+        Whatever the user should know of the input and the result.
+    before, after : Comparison
+        The aligned source and the result against the target.
+    surface_distance : (n,) float64
+        Distance of each result vertex to the target's surface.
+    displacement : (n,) float64
+        How far each vertex was moved after the alignment.
+    settings : MorphSettings
+    seconds : float
+        CPU time of the whole.
+    """
+
+    vertices: Float
+    transform: Float
+    field: DisplacementField
+    history: tuple[Step, ...]
+    converged: bool
+    stop_reason: str
+    warnings: tuple[str, ...]
+    before: Comparison
+    after: Comparison
+    surface_distance: Float
+    displacement: Float
+    settings: MorphSettings
+    seconds: float
+
+    def apply(self, points: ArrayLike) -> Float:
+        """Carry points (k, 3) of the source's space along: alignment, then field."""
+        aligned = transformed(self.transform, np.asarray(points, dtype=float).reshape(-1, 3))
+        return aligned + self.field(aligned)
+
+    def report(self) -> dict[str, Any]:
+        """Return everything but the arrays, for JSON."""
+        return {
+            "settings": dataclasses.asdict(self.settings),
+            "transform": self.transform.tolist(),
+            "converged": self.converged,
+            "stop_reason": self.stop_reason,
+            "warnings": list(self.warnings),
+            "before": self.before.as_dict(),
+            "after": self.after.as_dict(),
+            "history": [dataclasses.asdict(step) for step in self.history],
+            "cpu_seconds": round(self.seconds, 3),
+        }
+
+    def summary(self) -> str:
+        """Return a table of the figures for a person: median [1st, 99th percentile] and maximum."""
+        rows = [
+            ("surface, source to target", "surface_to_target"),
+            ("surface, target to source", "target_to_surface"),
+            ("nearest vertex", "hausdorff"),
+            ("aspect ratio", "aspect"),
+            ("dihedral angle, degrees", "dihedral"),
+            ("movement", "movement"),
+        ]
+        lines = [f"{'':28}{'aligned':36}{'morphed'}"]
+        for label, name in rows:
+            lines.append(f"{label:28}{getattr(self.before, name)!s:36}{getattr(self.after, name)!s}")
+        for label, name in (("flipped faces", "flipped"), ("self-intersecting faces", "self_intersecting")):
+            lines.append(f"{label:28}{getattr(self.before, name):<36}{getattr(self.after, name)}")
+        lines.append(f"{self.stop_reason}; {self.seconds:.1f} s of CPU time")
+        return "\n".join(lines)
+
+    def save_field(self, path: str | Path) -> None:
+        """Write alignment and field as ``.npz``: layout, transform, centres, displacements, spread."""
+        with replacing(path) as (temporary,), open(temporary, "wb") as file:
+            np.savez_compressed(file, layout=LAYOUT, transform=self.transform, **self.field.arrays())
+
+
+def load_field(path: str | Path) -> tuple[Float, DisplacementField]:
+    """Read what `MorphResult.save_field` wrote: the alignment (4, 4) and the field.
+
+    Raises
+    ------
+    FemorsError
+        Not such a file, cut short, or of a newer layout.
+    """
+    arrays = load_arrays(path)
+    try:
+        if int(arrays["layout"]) > LAYOUT:
+            raise FemorsError(f"{path}: was written by a newer version (layout {int(arrays['layout'])})")
+        return arrays["transform"].reshape(4, 4), DisplacementField.from_arrays(arrays)
+    except KeyError as error:
+        raise FemorsError(f"{path}: is not a field file ({error.args[0]} is missing)") from None
+
+
+def result_of(
+    source: Surface,
+    cleaned: tuple[Cleaned, Cleaned],
+    placed: tuple[Float, Surface, SurfaceIndex],
+    field: DisplacementField,
+    settings: MorphSettings,
+    history: tuple[Step, ...],
+    bad: int,
+    warnings: tuple[str, ...],
+    progress: Progress,
+) -> MorphResult:
+    """Carry the cleaned mesh's displacement to the given source, and measure.
+
+    Parameters
+    ----------
+    placed : (matrix, aligned, index)
+        The alignment (4, 4), the aligned cleaned source, and the target's search structure.
+    field : DisplacementField
+        Its centres are the aligned nodes, its displacements their movement.
+    bad : int
+        Faces that stayed folded or crossing.
+    """
+    ours, theirs = cleaned
+    matrix, aligned, index = placed
+    morphed = aligned.moved(aligned.vertices + field.displacements)
+    vertices = np.empty_like(source.vertices)
+    used = ours.vertex_map >= 0
+    vertices[used] = morphed.vertices[ours.vertex_map[used]]
+    loose = transformed(matrix, source.vertices[~used])
+    vertices[~used] = loose + field(loose)
+    movement = np.linalg.norm(vertices - transformed(matrix, source.vertices), axis=1)
+    progress(0.2, "measuring")
+    distance = np.zeros(len(vertices))
+    clean_distance = index.closest(morphed.vertices).distance
+    distance[used] = clean_distance[ours.vertex_map[used]]
+    distance[~used] = index.closest(vertices[~used]).distance
+    after = compare(ours.surface, _wound_as(ours, morphed), theirs.surface, target_index=index)
+    progress(0.6, "measuring")
+    before = compare(ours.surface, _wound_as(ours, aligned), theirs.surface, target_index=index)
+    size = theirs.surface.diagonal
+    converged, reason = _verdict(after, settings, size, aligned.mean_edge)
+    if bad:
+        warnings = (*warnings, f"{bad} faces fold over or cross others, though they did not in the source")
+    progress(1.0, "done")
+    return MorphResult(
+        vertices=vertices,
+        transform=matrix,
+        field=field,
+        history=history,
+        converged=converged,
+        stop_reason=reason,
+        warnings=warnings,
+        before=before,
+        after=after,
+        surface_distance=distance,
+        displacement=movement,
+        settings=settings,
+        seconds=0.0,
+    )
+
+
+def _wound_as(ours: Cleaned, surface: Surface) -> Surface:
+    """The positions with the cleaned source's own faces (a mirror image has them turned)."""
+    return ours.surface.moved(surface.vertices)
+
+
+def _verdict(after: Comparison, settings: MorphSettings, size: float, edge: float) -> tuple[bool, str]:
+    limit = max(REACH * size, 2.0 * edge)
+    gaps = []
+    if settings.partial != "target":
+        gaps.append(("the result", "the target", after.surface_to_target.p99))
+    if settings.partial != "source":
+        gaps.append(("the target", "the result", after.target_to_surface.p99))
+    for here, there, gap in gaps:
+        if gap > limit:
+            return False, f"not converged: 1 % of {here} is farther than {gap:.3g} from {there}"
+    return True, "converged: both surfaces lie on each other" if settings.projection else "converged"

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The end of a morph: nodes onto the target, elements back into shape, no face folded over."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from .correspond import FACING, at_border, interpolated_normals
+from .grnn import DisplacementField
+from .intersect import self_intersections
+from .mesh import Float, Int, Surface, unit
+from .morph_settings import MorphSettings
+from .nearest import SurfaceIndex
+from .progress import Progress
+
+SLIDE = 0.45  # of the bending flow per round; below one half it is stable
+SHAPE_ROUNDS = 10  # moves of shape matching between two projections
+SHAPE_STEP = 0.8
+FLOOR = 0.02  # weight of a face without distortion, where one that is badly distorted has one
+NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
+
+
+def averaging(surface: Surface) -> sparse.csr_matrix:
+    """(n, n) matrix that takes the mean over a node's neighbours, rows summing to one."""
+    degree = np.maximum(np.asarray(surface.adjacency.sum(axis=1)).ravel(), 1.0)
+    return sparse.diags(1.0 / degree) @ surface.adjacency
+
+
+def slide(moved: Surface, displacement: Float, mean: sparse.csr_matrix, rounds: int) -> Float:
+    """Even out a displacement (n, 3) along the surface; what it does across the surface stays.
+
+    The flow of the bending energy, sum |L d|^2 with L the umbrella operator: a displacement that
+    varies linearly, a stretch or a turn, is left alone, so that the ends of a shaft tell its middle
+    how far to slide. `moved` gives the surface's normals; border nodes stay.
+    """
+    normal, border = moved.vertex_normals, moved.border
+    for _ in range(rounds):
+        bend = mean @ displacement - displacement
+        change = bend - mean @ bend
+        change -= np.einsum("ij,ij->i", change, normal)[:, None] * normal
+        change[border] = 0.0
+        displacement = displacement + SLIDE * change
+    return displacement
+
+
+class ShapeMatching:
+    """Moves nodes within the surface so that each face regains the shape that it had in the source.
+
+    Every face is compared with its source face under the best similarity (a rotation and a scale of
+    its own, in closed form in complex numbers), and each node goes to the mean of where its faces
+    would have it. Shape and grading come back over a few edges; the large correspondence stays.
+    """
+
+    def __init__(self, source: Surface) -> None:
+        self._faces = source.faces
+        self._count = len(source.vertices)
+        self._rest = _flattened(source.corners)[0]
+        self._size = np.maximum(np.sum(np.abs(self._rest) ** 2, axis=1), np.finfo(float).tiny)
+        self._fixed = source.border
+
+    def move(self, positions: Float) -> Float:
+        """Return the move (n, 3) asked for at positions (n, 3); border nodes stay."""
+        flat, across, along = _flattened(positions[self._faces])
+        factor = np.sum(np.conj(self._rest) * flat, axis=1) / self._size
+        change = factor[:, None] * self._rest - flat
+        # worse faces speak louder, so that the worst of all is mended too
+        fitted = np.maximum(np.abs(factor) ** 2 * self._size, np.finfo(float).tiny)
+        weight = FLOOR + np.minimum(np.sum(np.abs(change) ** 2, axis=1) / fitted, 1.0)
+        change *= weight[:, None]
+        wanted = change.real[..., None] * across[:, None] + change.imag[..., None] * along[:, None]
+        total = np.empty((self._count, 3))
+        for axis in range(3):
+            total[:, axis] = np.bincount(self._faces.ravel(), wanted[..., axis].ravel(), self._count)
+        shared = np.bincount(self._faces.ravel(), np.repeat(weight, 3), self._count)
+        total /= np.maximum(shared, np.finfo(float).tiny)[:, None]
+        total[self._fixed] = 0.0
+        return total
+
+
+def _flattened(corners: Float) -> tuple[np.ndarray, Float, Float]:
+    """Corners (m, 3, 3) as complex numbers (m, 3) about their centroid, and the two axes used (m, 3)."""
+    across = unit(corners[:, 1] - corners[:, 0])
+    normal = unit(np.cross(across, corners[:, 2] - corners[:, 0]))
+    along = np.cross(normal, across)
+    centred = corners - corners.mean(axis=1, keepdims=True)
+    flat = np.einsum("mkc,mc->mk", centred, across) + 1j * np.einsum("mkc,mc->mk", centred, along)
+    return flat, across, along
+
+
+def folded(reference: Surface, moved: Surface) -> Int:
+    """Faces folded over against their own surroundings in `moved`, though not in `reference`."""
+
+    def fold(surface: Surface) -> np.ndarray:
+        around = surface.vertex_normals[surface.faces].sum(axis=1)
+        return np.einsum("ij,ij->i", surface.face_normals, unit(around)) < 0.05
+
+    return np.flatnonzero(fold(moved) & ~fold(reference)).astype(np.int32)
+
+
+def settle(
+    rest: Surface,
+    aligned: Surface,
+    displacement: Float,
+    target: SurfaceIndex,
+    weight: Float | None,
+    settings: MorphSettings,
+    progress: Progress,
+) -> tuple[Float, int]:
+    """Lay the dense mesh onto the target with well-shaped elements.
+
+    Parameters
+    ----------
+    rest, aligned : Surface
+        The source as it was, for the shapes of its elements, and as the displacement starts from.
+    displacement : (n, 3) float64
+        What the iterations have found.
+    weight : (n,) float64 or None
+        Share of each node's movement that is taken.
+
+    Returns
+    -------
+    displacement : (n, 3) float64
+    left : int
+        Faces that are still folded over or cross others, though they did not in `aligned`.
+    """
+    matching, border = ShapeMatching(rest), target.surface.border
+    share = 1.0 if weight is None else weight[:, None]
+    rounds = settings.relaxation + (settings.projection > 0)
+    for number in range(rounds):
+        progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
+        positions = aligned.vertices + displacement
+        for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
+            positions = positions + share * SHAPE_STEP * matching.move(positions)
+        if settings.projection > 0:
+            step = _to_target(aligned.moved(positions), target, border, settings)
+            positions = positions + share * settings.projection * step
+        displacement = positions - aligned.vertices
+    progress(rounds / (rounds + 1), "checking for folded faces")
+    if not settings.projection and not settings.relaxation:
+        return displacement, len(bad_faces(aligned, aligned.moved(aligned.vertices + displacement)))
+    return unfolded(aligned, displacement, averaging(aligned))
+
+
+def _to_target(moved: Surface, target: SurfaceIndex, border: np.ndarray, settings: MorphSettings) -> Float:
+    """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours."""
+    found = target.closest(moved.vertices)
+    normals = interpolated_normals(target.surface, found.face, found.barycentric)
+    kept = np.einsum("ij,ij->i", moved.vertex_normals, normals) > FACING
+    if settings.partial != "none":
+        kept &= ~at_border(target.surface, found.face, found.barycentric)
+    if settings.partial == "target":  # what lies farther off has its counterpart beyond the target's end
+        kept &= found.distance < 2.0 * max(moved.mean_edge, target.surface.mean_edge)
+    step = np.zeros_like(moved.vertices)
+    step[kept] = found.point[kept] - moved.vertices[kept]
+    if settings.partial != "target" and kept.any() and not kept.all():
+        field = DisplacementField(moved.vertices[kept], step[kept], NEAR * moved.mean_edge)
+        step[~kept] = field(moved.vertices[~kept])
+    return step
+
+
+def bad_faces(reference: Surface, moved: Surface) -> Int:
+    """Faces folded over or crossing others in `moved`, though not in `reference`."""
+    crossing = np.unique(self_intersections(moved))
+    if len(crossing):
+        crossing = np.setdiff1d(crossing, np.unique(self_intersections(reference)))
+    return np.union1d(folded(reference, moved), crossing).astype(np.int32)
+
+
+def unfolded(
+    reference: Surface, displacement: Float, mean: sparse.csr_matrix, rounds: int = 12
+) -> tuple[Float, int]:
+    """Smooth a displacement (n, 3) where faces fold over or cross, by as little as helps.
+
+    Returns
+    -------
+    displacement : (n, 3) float64
+        The best state met: with the fewest bad faces.
+    left : int
+        Bad faces in it.
+    """
+    best, fewest, current = displacement, len(reference.faces) + 1, displacement
+    for attempt in range(rounds + 1):
+        moved = reference.moved(reference.vertices + current)
+        faces = folded(reference, moved)
+        if not len(faces) or attempt == rounds:
+            faces = bad_faces(reference, moved)
+        if len(faces) < fewest:
+            best, fewest = current, len(faces)
+        if not len(faces):
+            break
+        touched = np.zeros(len(displacement), dtype=bool)
+        touched[reference.faces[faces].ravel()] = True
+        for _ in range(attempt // 4):
+            touched |= mean @ touched.astype(float) > 0
+        current = current.copy()
+        for _ in range(2):
+            current[touched] = 0.5 * (current[touched] + (mean @ current)[touched])
+    return best, fewest
