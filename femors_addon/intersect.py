@@ -6,10 +6,11 @@ surface an edge is not tested against faces at its own ends: a pair of faces wit
 decided by the edges opposite that corner, and a pair with a common edge cannot cross (one folded flat
 onto the other is what `quality.flipped_faces` looks for).
 
-Touching is not crossing: both ends of the edge have to lie off the plane of the face, on opposite
-sides, by more than the rounding of the arithmetic (`ROUNDING`); coplanar overlap is touching. The
-outline of a face belongs to it, and the two faces at an edge evaluate the same numbers with opposite
-signs, so that nothing slips through between neighbours.
+Touching is not crossing: each face needs corners on both sides of the other's plane, and the edge its
+ends, off it by more than the rounding of the arithmetic (`ROUNDING`). Coplanar overlap, a corner or an
+edge that rests on a face, bodies in exact contact only touch; a face without area crosses nothing.
+Otherwise the outline of a face belongs to it, and the two faces at an edge evaluate the same numbers
+with opposite signs, so that nothing slips through between neighbours.
 """
 
 from __future__ import annotations
@@ -58,21 +59,19 @@ class Piercings:
 
 def piercings(a: Surface, b: Surface) -> Piercings:
     """Find every edge of `a` that pierces a face of `b`; ``b is a`` tests a surface against itself."""
-    one, two = _Planes.of(a, b)
-    found = []
+    planes_a, planes_b = _Planes.of(a, b)
+    found = [(np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int64), np.empty(0))]
     for f, g in _candidates(a, b):
-        found.append((*_pierced(one, f, two, g, a is b), g))
+        f, g, f_over_g, g_over_f = _straddling(planes_a, f, planes_b, g)
+        row, ends, t = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)
+        found.append((ends, g[row], t))
         if a is b:
-            found.append((*_pierced(one, g, two, f, True), f))
-    if not found:
-        none = np.empty(0, dtype=np.int32)
-        return Piercings(none, none, np.empty(0))
+            row, ends, t = _pierced(planes_a, g, planes_a, f, g_over_f, True)
+            found.append((ends, f[row], t))
+    ends, face, t = (np.concatenate(column) for column in zip(*found, strict=True))
     n = len(a.vertices)
-    face = np.concatenate([g[rows] for rows, _, _, g in found])
-    ends = np.concatenate([ends for _, ends, _, _ in found]).astype(np.int64)
-    t = np.concatenate([t for _, _, t, _ in found])
     keys = a.edges[:, 0].astype(np.int64) * n + a.edges[:, 1]
-    edge = np.searchsorted(keys, ends[:, 0] * n + ends[:, 1])
+    edge = np.searchsorted(keys, ends[:, 0].astype(np.int64) * n + ends[:, 1])
     # each face at the edge has found it
     _, first = np.unique(edge * len(b.faces) + face, return_index=True)
     return Piercings(edge[first].astype(np.int32), face[first].astype(np.int32), t[first])
@@ -84,10 +83,13 @@ def crossings(a: Surface, b: Surface) -> Int:
     Only what lies where the bounding boxes overlap is looked at. With ``b is a`` each pair is given
     once, lower index first.
     """
-    one, two = _Planes.of(a, b)
+    planes_a, planes_b = _Planes.of(a, b)
     found = [np.empty((0, 2), dtype=np.int64)]
     for f, g in _candidates(a, b):
-        rows = np.concatenate((_pierced(one, f, two, g, a is b)[0], _pierced(two, g, one, f, a is b)[0]))
+        f, g, f_over_g, g_over_f = _straddling(planes_a, f, planes_b, g)
+        rows = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
+        back = _pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
+        rows = np.concatenate((rows, back))
         found.append(np.column_stack((f[rows], g[rows])))
     pairs = np.concatenate(found)
     if a is b:
@@ -120,48 +122,61 @@ class _Planes:
             sides = [s.corners[:, i] - s.corners[:, i - 1] for i in range(3)]
             longest = np.max([_dot(side, side) for side in sides], axis=0)
             area = 2.0 * s.face_areas
-            slender = np.divide(longest, area, out=np.full(len(area), np.inf), where=area > 0)
             # a face without area has no plane: nothing is ever off it
-            tolerance = np.where(area > 0, ROUNDING * scale * slender, np.inf)
+            tolerance = np.full(len(area), np.inf)
+            np.divide(ROUNDING * scale * longest, area, out=tolerance, where=area > 0)
             out.append(cls(s.faces, s.vertices, s.corners, s.face_normals, tolerance))
         return out
 
 
-def _pierced(one: _Planes, f: Index, two: _Planes, g: Index, same: bool) -> tuple[Index, Int, Float]:
-    """Test the edges of each face f against the face g beside it in the list.
+def _straddling(one: _Planes, f: Index, two: _Planes, g: Index) -> tuple[Index, Index, Float, Float]:
+    """Keep the pairs (f, g) of faces that each have corners on both sides of the other's plane.
 
-    Returns (row of the pair, (k, 2) vertices of the edge, t along it) of the edges that pierce.
+    Returns (f, g, heights (k, 3) of the corners of f over g, heights (k, 3) of those of g over f).
     """
-    heights, tolerance = _heights(one, f, two, g), two.tolerance[g]
-    straddle = (np.minimum.reduce(heights) < -tolerance) & (np.maximum.reduce(heights) > tolerance)
-    # a face that lies on one side of the other's plane is only touched, if that
-    straddle = np.flatnonzero(straddle)
-    back, slack = _heights(two, g[straddle], one, f[straddle]), one.tolerance[f[straddle]]
-    straddle = straddle[(np.minimum.reduce(back) <= slack) & (np.maximum.reduce(back) >= -slack)]
-    height, tolerance = np.column_stack([h[straddle] for h in heights]), tolerance[straddle, None]
-    above, below = height > tolerance, height < -tolerance
-    row, side = np.nonzero((above & below[:, [1, 2, 0]]) | (below & above[:, [1, 2, 0]]))
-    start, stop = height[row, side], height[row, (side + 1) % 3]
-    row_of_pair = straddle[row]
-    ends = np.column_stack((one.faces[f[row_of_pair], side], one.faces[f[row_of_pair], (side + 1) % 3]))
-    # both faces at the edge have to see the very same numbers: lower vertex first
-    swap = ends[:, 0] > ends[:, 1]
-    ends[swap] = ends[swap, ::-1]
-    t = np.where(swap, stop, start) / np.where(swap, stop - start, start - stop)
-    u = one.vertices[ends[:, 0]]
-    along, corners = one.vertices[ends[:, 1]] - u, two.corners[g[row_of_pair]] - u[:, None]
-    # signed volumes of (edge, side of the face): exactly negated when seen from the face beyond the side
-    volumes = [_dot(along, np.cross(corners[:, i], corners[:, (i + 1) % 3])) for i in range(3)]
-    inside = (np.min(volumes, axis=0) >= 0) | (np.max(volumes, axis=0) <= 0)
-    if same:
-        inside &= ~(two.faces[g[row_of_pair]][:, :, None] == ends[:, None, :]).any(axis=(1, 2))
-    return row_of_pair[inside], ends[inside], t[inside]
+    over = _heights(one, f, two, g)
+    rows = np.flatnonzero(_both_sides(over, two.tolerance[g]))
+    f, g = f[rows], g[rows]
+    back = _heights(two, g, one, f)
+    kept = np.flatnonzero(_both_sides(back, one.tolerance[f]))
+    forth = np.column_stack([height[rows[kept]] for height in over])
+    return f[kept], g[kept], forth, np.column_stack([height[kept] for height in back])
 
 
 def _heights(one: _Planes, f: Index, two: _Planes, g: Index) -> list[Float]:
     """Heights of the three corners of each face f over the plane of the face g beside it."""
     base, normal = two.corners[g, 0], two.normals[g]
     return [_dot(one.vertices[one.faces[f, k]] - base, normal) for k in range(3)]
+
+
+def _both_sides(heights: list[Float], tolerance: Float) -> NDArray[np.bool_]:
+    return (np.minimum.reduce(heights) < -tolerance) & (np.maximum.reduce(heights) > tolerance)
+
+
+def _pierced(
+    one: _Planes, f: Index, two: _Planes, g: Index, height: Float, same: bool
+) -> tuple[Index, Int, Float]:
+    """Test the edges of each face f, its corners at heights (p, 3), against the face g beside it.
+
+    Returns (row of the pair, (k, 2) vertices of the edge, t along it) of the edges that pierce.
+    """
+    tolerance = two.tolerance[g, None]
+    above, below = height > tolerance, height < -tolerance
+    row, side = np.nonzero((above & below[:, [1, 2, 0]]) | (below & above[:, [1, 2, 0]]))
+    start, stop = height[row, side], height[row, (side + 1) % 3]
+    ends = np.column_stack((one.faces[f[row], side], one.faces[f[row], (side + 1) % 3]))
+    # both faces at the edge have to see the very same numbers: lower vertex first
+    swap = ends[:, 0] > ends[:, 1]
+    ends[swap] = ends[swap, ::-1]
+    t = np.where(swap, stop, start) / np.where(swap, stop - start, start - stop)
+    u = one.vertices[ends[:, 0]]
+    along, corners = one.vertices[ends[:, 1]] - u, two.corners[g[row]] - u[:, None]
+    # signed volumes of (edge, side of the face): exactly negated when seen from the face beyond the side
+    volumes = [_dot(along, np.cross(corners[:, i], corners[:, (i + 1) % 3])) for i in range(3)]
+    inside = (np.min(volumes, axis=0) >= 0) | (np.max(volumes, axis=0) <= 0)
+    if same:
+        inside &= ~(two.faces[g[row]][:, :, None] == ends[:, None, :]).any(axis=(1, 2))
+    return row[inside], ends[inside], t[inside]
 
 
 def _dot(a: Float, b: Float) -> Float:

@@ -115,6 +115,8 @@ class Surface:
     @cached_property
     def volume(self) -> float:
         """Signed volume (divergence theorem about the centroid); positive for outward normals."""
+        if not len(self.faces):
+            return 0.0
         a, b, c = np.moveaxis(self.corners - self.vertices.mean(axis=0), 1, 0)
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
