@@ -28,7 +28,7 @@ EVENING_ROUNDS = 15
 
 
 def meshed(value: Implicit, low: Float, high: Float, nodes: int, lattice: int = 0) -> Surface:
-    """Return the zero surface within a box, closed where the box does not cut it.
+    """Return the zero surface of a shape that lies within a box: closed, wound outward.
 
     Parameters
     ----------
@@ -139,13 +139,16 @@ def _signs(values: Float) -> NDArray[np.uint8]:
 
 
 def _untangled(values: Float) -> Float:
-    """Fill in corners where two sheets of the surface would meet in one cell, which no mesh can show."""
+    """Fill in corners where two sheets of the surface would meet in one cell, which the net cannot show."""
     values, tangled = values.copy(), _tangled_patterns()
+    if (values[1:-1, 1:-1, 1:-1] < 0).sum() != (values < 0).sum():
+        raise ValueError("the shape does not lie within the box")
     corners = np.array(list(np.ndindex(2, 2, 2)))
     while len(cells := np.argwhere(tangled[_signs(values)])):
         at = cells[:, None] + corners
         here = values[tuple(np.moveaxis(at, 2, 0))]
-        least = np.argmin(np.where(here < 0, np.inf, here), axis=1)
+        rim = ((at == 0) | (at == np.array(values.shape) - 1)).any(axis=2)
+        least = np.argmin(np.where((here < 0) | rim, np.inf, here), axis=1)
         fill = tuple(at[np.arange(len(at)), least].T)
         # only ever outside to inside, so that it comes to an end
         values[fill] = -np.maximum(np.abs(values[fill]), np.finfo(float).tiny)
