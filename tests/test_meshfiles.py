@@ -437,7 +437,12 @@ WORDS += [
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
-@settings(max_examples=150, deadline=2000, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=150,
+    deadline=2000,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(
     prefix=st.sampled_from(PREFIXES),
     tail=st.one_of(st.binary(max_size=200), st.lists(st.sampled_from(WORDS), max_size=25).map(b" ".join)),

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command line, for ``python -m femors_addon`` and ``blender --command femors``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tomllib
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from . import files, landmarkfiles, meshfiles
+from .commandline import Console, Parser, add_settings, check_paths, settings_of
+from .morph import MorphResult, morph
+from .morph_settings import PRESETS, MorphSettings
+from .progress import FemorsError
+
+DONE, IMPERFECT, REFUSED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 130
+
+EXIT_CODES = """exit codes:
+  0    done
+  1    the result is written, but the morph did not converge, or the result has flipped
+       faces or self-intersections that the source had not; the reason is on stderr
+  2    bad input or usage: one line on stderr, nothing is written
+  130  interrupted (Ctrl-C), nothing is written
+"""
+
+
+class Command(NamedTuple):
+    """A subcommand: what it is called, what it does in a line, its options, and its function."""
+
+    name: str
+    help: str
+    options: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace, Console], int]
+
+
+def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
+    """Run a command line and return its exit code; never raises for what a user can cause.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The arguments behind the program's name; those of the process where left out.
+    prog : str
+        What the program is called in the help.
+    """
+    console = Console()
+    try:
+        parser = _parser(prog)
+        try:
+            args = parser.parse_args(argv)
+        except SystemExit as stop:  # --help and --version end so
+            return int(stop.code or 0)
+        if args.command is None:
+            parser.error(f"a command is needed: {', '.join(command.name for command in COMMANDS)}")
+        console = Console(args.quiet)
+        return args.command.run(args, console)
+    except FemorsError as error:
+        console.warn(str(error))
+        return REFUSED
+    except MemoryError:
+        console.warn("not enough memory for meshes of this size; reduce them first")
+        return REFUSED
+    except KeyboardInterrupt:
+        console.warn("interrupted; nothing is written")
+        return INTERRUPTED
+    except Exception:
+        console.end_progress()
+        traceback.print_exc(file=console.err)
+        console.warn(
+            "this is a defect of FEMORS, and nothing is written; please report it with the lines above"
+        )
+        return DEFECT
+    finally:
+        console.end_progress()
+
+
+def _parser(prog: str) -> argparse.ArgumentParser:
+    parser = Parser(
+        prog=prog, description="Morph one surface mesh into the shape of another.", allow_abbrev=False
+    )
+    parser.add_argument("--version", action="version", version=f"FEMORS {version()}")
+    parser.set_defaults(command=None)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    for command in COMMANDS:
+        sub = commands.add_parser(
+            command.name,
+            help=command.help,
+            description=command.help,
+            epilog=EXIT_CODES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        command.options(sub)
+        sub.add_argument(
+            "--quiet",
+            action="store_true",
+            help="no progress, notes or summary; reasons for codes 1 and 2 only",
+        )
+        sub.set_defaults(command=command)
+    return parser
+
+
+def version() -> str:
+    """Return the version, which stands in the extension's manifest and nowhere else."""
+    manifest = Path(__file__).parent.parent / "blender_manifest.toml"
+    try:
+        return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
+    except OSError:
+        return "unknown (blender_manifest.toml is missing)"
+
+
+# --- morph ----------------------------------------------------------------------------------------
+def _morph_options(parser: argparse.ArgumentParser) -> None:
+    kinds = "STL, PLY or OBJ file"
+    parser.add_argument("source", metavar="SOURCE", help=f"the mesh to be morphed, a {kinds}")
+    parser.add_argument("target", metavar="TARGET", help=f"the mesh whose shape it takes, a {kinds}")
+    parser.add_argument(
+        "-o", "--out", metavar="OUT", required=True, help=f"the result, a {kinds}; vertices as in SOURCE"
+    )
+    parser.add_argument("--report", metavar="R.json", help="settings, history and every figure, as JSON")
+    parser.add_argument(
+        "--field", metavar="F.npz", help="the alignment and the displacement field, as NumPy arrays"
+    )
+    parser.add_argument("--source-landmarks", metavar="A.csv", help="points on SOURCE for the alignment, and")
+    parser.add_argument(
+        "--target-landmarks", metavar="B.csv", help="those on TARGET: x,y,z or name,x,y,z in each row"
+    )
+    add_settings(parser, MorphSettings, {"alignment": "--align"})
+
+
+def _morph(args: argparse.Namespace, console: Console) -> int:
+    """Morph SOURCE onto TARGET; all that can be refused is refused before the long computation."""
+    settings = settings_of(args, PRESETS[getattr(args, "setting_preset", "standard")])
+    landmarks = [path for path in (args.source_landmarks, args.target_landmarks) if path is not None]
+    outputs = [path for path in (args.out, args.report, args.field) if path is not None]
+    check_paths([args.source, args.target, *landmarks], outputs)
+    meshfiles.check_suffix(args.out)
+    files.check_writable(*outputs)
+    pairs = _landmarks(landmarks)
+    source, target = meshfiles.read(args.source), meshfiles.read(args.target)
+    result = morph(
+        source.surface(),
+        target.surface(),
+        settings,
+        console.progress,
+        source_landmarks=pairs[0],
+        target_landmarks=pairs[1],
+    )
+    console.end_progress()
+    faults = _faults(result)
+    with files.replacing(*outputs) as new:
+        paths = dict(zip(outputs, new, strict=True))
+        paths[args.out].write_bytes(meshfiles.encoded(args.out, source.with_vertices(result.vertices)))
+        if args.report is not None:
+            paths[args.report].write_text(_report(args, result, faults), encoding="utf-8")
+        if args.field is not None:
+            result.save_field(paths[args.field])
+    if not args.quiet:
+        for warning in result.warnings:
+            console.warn(f"note: {warning}")
+    console.say(result.summary())
+    for fault in faults:
+        console.warn(f"{fault}; the result is written")
+    return IMPERFECT if faults else DONE
+
+
+def _landmarks(paths: list[str]) -> tuple[Any, Any]:
+    """Return the two files' landmarks in pairs, or nothing where no file is given."""
+    if not paths:
+        return None, None
+    if len(paths) == 1:
+        raise FemorsError("--source-landmarks and --target-landmarks go together; only one is given")
+    return landmarkfiles.paired(*map(landmarkfiles.read, paths))
+
+
+def _faults(result: MorphResult) -> list[str]:
+    """Return why a result is not to be trusted blindly, in words."""
+    faults = [] if result.converged else [result.stop_reason]
+    if result.after.flipped:
+        faults.append(f"{result.after.flipped} faces of the result are flipped")
+    before, after = result.before.self_intersecting, result.after.self_intersecting
+    if after > before:
+        faults.append(f"{after} faces of the result cross others of it, and {before} did in the source")
+    return faults
+
+
+def _report(args: argparse.Namespace, result: MorphResult, faults: list[str]) -> str:
+    names = {"source": args.source, "target": args.target, "out": args.out, "field": args.field}
+    report = {"femors": version(), "files": names, "faults": faults, **result.report()}
+    return json.dumps(report, indent=1, allow_nan=False) + "\n"
+
+
+COMMANDS = (Command("morph", "Morph SOURCE into the shape of TARGET.", _morph_options, _morph),)
+"""Every subcommand; a new one is a function for its options, one that runs it, and a line here."""
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What every subcommand shares: a parser that raises, options made from settings, and the console."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import sys
+import time
+import typing
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, NoReturn, TextIO, TypeVar
+
+from .files import Location
+from .progress import FemorsError, Progress, silent
+from .settings import Spec, check, specs
+
+Settings = TypeVar("Settings")
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose usage errors are `FemorsError`: one line, and no exit of the process."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise the usage error."""
+        raise FemorsError(f"{message} (see '{self.prog} --help')")
+
+
+def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[str, str]) -> None:
+    """Add an option for every setting of a dataclass, named like it (``--spread-start``).
+
+    Options that are not given leave no trace, so that a preset's value can stand. `aliases` gives
+    settings a second, shorter option.
+    """
+    kinds = typing.get_type_hints(cls)
+    main = parser.add_argument_group("settings")
+    advanced = parser.add_argument_group("advanced", "for special cases; the defaults need no tuning")
+    for name, (field, spec) in specs(cls).items():
+        flags = [f"--{name.replace('_', '-')}"]
+        if name in aliases:
+            flags.insert(0, aliases[name])
+        group = advanced if spec.advanced else main
+        options: dict[str, Any] = {"help": _help(spec, field.default)}
+        if spec.choices:
+            options["choices"] = [choice[0] for choice in spec.choices]
+        elif kinds[name] is bool:
+            options["action"] = argparse.BooleanOptionalAction
+        else:
+            options |= {"type": kinds[name], "metavar": kinds[name].__name__.upper()}
+        group.add_argument(*flags, dest=_destination(name), default=argparse.SUPPRESS, **options)
+
+
+def settings_of(args: argparse.Namespace, base: Settings) -> Settings:
+    """Return the settings with what the command line says instead of the base's values; checked."""
+    given = {
+        name: getattr(args, _destination(name))
+        for name in specs(type(base))
+        if hasattr(args, _destination(name))
+    }
+    settings = dataclasses.replace(base, **given)  # type: ignore[type-var]
+    check(settings)
+    return settings
+
+
+def _destination(name: str) -> str:
+    return f"setting_{name}"
+
+
+def _help(spec: Spec, default: Any) -> str:
+    notes = [
+        f"default {default}" if not isinstance(default, bool) else f"default {'on' if default else 'off'}"
+    ]
+    if spec.minimum is not None or spec.maximum is not None:
+        low = "" if spec.minimum is None else f"from {spec.minimum:g} "
+        high = "" if spec.maximum is None else f"to {spec.maximum:g}"
+        notes.insert(0, (low + high).strip())
+    if spec.unit == "length":
+        notes.insert(0, "a length in the files' unit")
+    text = f"{spec.help} ({', '.join(notes)})"
+    return text.replace("%", "%%")
+
+
+def check_paths(inputs: Iterable[Location], outputs: Collection[Location]) -> None:
+    """Raise `FemorsError` where an output is one of the inputs, or two outputs are the same file."""
+    read = {os.path.realpath(path) for path in inputs}
+    seen: set[str] = set()
+    for path in outputs:
+        real = os.path.realpath(path)
+        if real in read or any(_same(real, other) for other in read):
+            raise FemorsError(f"{path}: is also an input; choose another name for the output")
+        if real in seen:
+            raise FemorsError(f"{path}: is named for two outputs")
+        seen.add(real)
+
+
+def _same(one: str, two: str) -> bool:
+    try:
+        return os.path.samefile(one, two)
+    except OSError:  # one of them is not there, so they are not the same file
+        return False
+
+
+class Console:
+    """Progress and complaints on stderr, results on stdout."""
+
+    def __init__(self, quiet: bool = False, out: TextIO | None = None, err: TextIO | None = None) -> None:
+        self.quiet = quiet
+        self.out = out or sys.stdout
+        self.err = err or sys.stderr
+        self._line = ""  # what stands on the terminal's last line
+        self._shown = (0, time.monotonic())  # the tenth of the work, and when it was written
+
+    @property
+    def progress(self) -> Progress:
+        """Where a computation reports to."""
+        return silent if self.quiet else self._progress
+
+    def _progress(self, fraction: float, text: str) -> None:
+        """Rewrite one line of a terminal; elsewhere write a line per tenth, at most one a second.
+
+        Nothing is written for the start: input that is refused at once gives one line, the refusal.
+        """
+        tenth, now = int(10 * fraction), time.monotonic()
+        line = f"{100 * fraction:3.0f} %  {text}"
+        if self.err.isatty():
+            if line != self._line:
+                self.err.write("\r" + line.ljust(len(self._line)))
+                self.err.flush()
+                self._line = line
+        elif tenth > self._shown[0] and now - self._shown[1] >= 1.0:
+            print(line, file=self.err, flush=True)
+            self._shown = (tenth, now)
+
+    def end_progress(self) -> None:
+        """Leave the terminal's line of progress, so that what follows starts on its own."""
+        if self._line:
+            self.err.write("\r" + " " * len(self._line) + "\r")
+            self._line = ""
+
+    def say(self, text: str) -> None:
+        """Write a result, unless told to be quiet."""
+        if not self.quiet:
+            print(text, file=self.out)
+
+    def warn(self, text: str) -> None:
+        """Write one line of warning or complaint, quiet or not."""
+        self.end_progress()
+        print(f"femors: {' '.join(text.split())}", file=self.err)

@@ -1,0 +1,422 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command line: what it writes, what it says where, and how it ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femors_addon import cli, commandline, landmarkfiles, meshfiles, settings
+from femors_addon.meshfiles import MeshFile
+from femors_addon.morph import MorphResult
+from femors_addon.morph_settings import PRESETS, MorphSettings
+from femors_addon.progress import FemorsError
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def ball(rings: int, segments: int, radii: tuple[float, float, float]) -> MeshFile:
+    """Return an ellipsoid of quads, with triangles at its poles."""
+    theta, phi = np.linspace(0, np.pi, rings + 1)[1:-1, None], np.arange(segments) * 2 * np.pi / segments
+    grid = np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi], axis=-1
+    )
+    vertices = np.concatenate((grid.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]])) * radii
+    first = np.arange(segments)
+    second, north, last = np.roll(first, -1), np.full(segments, len(vertices) - 2), (rings - 2) * segments
+    quads = [
+        np.column_stack((first, first + segments, second + segments, second)) + i * segments
+        for i in range(rings - 2)
+    ]
+    tops = np.column_stack((north, first, second))
+    bottoms = np.column_stack((north + 1, last + second, last + first))
+    sizes = [4] * sum(map(len, quads)) + [3] * 2 * segments
+    return MeshFile(vertices, np.array(sizes), np.concatenate([a.ravel() for a in (*quads, tops, bottoms)]))
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+SOURCE, TARGET = ball(10, 12, (30, 24, 60)), ball(12, 14, (35, 26, 64))
+
+
+@pytest.fixture()
+def pair(tmp_path):
+    """A source of quads as OBJ and a target as STL."""
+    meshfiles.write(tmp_path / "source.obj", SOURCE)
+    meshfiles.write(tmp_path / "target.stl", TARGET)
+    return tmp_path / "source.obj", tmp_path / "target.stl"
+
+
+@pytest.fixture(scope="module")
+def morphed() -> MorphResult:
+    """What the morph of the pair gives, for tests of what is done with it."""
+    return cli.morph(SOURCE.surface(), TARGET.surface())
+
+
+@pytest.fixture()
+def no_morph(monkeypatch):
+    """Make the computation a failure: what is refused must be refused before it."""
+
+    def never(*args, **kwargs):
+        raise AssertionError("the morph was started")
+
+    monkeypatch.setattr(cli, "morph", never)
+
+
+def run(capsys, *argv: object) -> tuple[int, str, str]:
+    """Return the exit code and what was said on stdout and stderr."""
+    code = cli.main([str(word) for word in argv])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def refused(capsys, *argv: object) -> str:
+    """Assert exit code 2 with one line on stderr, which is returned."""
+    code, out, err = run(capsys, *argv)
+    assert (code, out) == (2, "")
+    assert err.startswith("femors: ")
+    assert err.count("\n") == 1
+    assert err.endswith("\n")
+    return err
+
+
+# --- the whole way --------------------------------------------------------------------------------
+def test_morph_from_files_to_files(pair, tmp_path, capsys):
+    source, target = pair
+    out, report, field = tmp_path / "out.obj", tmp_path / "r.json", tmp_path / "f.npz"
+    code, said, err = run(
+        capsys, "morph", source, target, "-o", out, "--report", report, "--field", field, "--align", "rigid"
+    )
+    assert code == 0, err
+    before, after = meshfiles.read(source), meshfiles.read(out)
+    assert len(after.vertices) == len(before.vertices)
+    assert np.array_equal(after.corners, before.corners)
+    radius = np.linalg.norm(after.vertices / [35, 26, 64], axis=1)
+    assert np.median(np.abs(radius - 1)) < 0.02  # on the target, up to its facets
+    written = json.loads(report.read_text())
+    assert written["faults"] == []
+    assert written["settings"]["alignment"] == "rigid"
+    assert written["files"]["source"] == str(source)
+    assert written["femors"] == cli.version()
+    assert said.count("\n") >= 2
+    with np.load(field) as arrays:
+        assert {"transform", "centres", "displacements", "spread"} <= set(arrays)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        *("f.npz", "out.obj", "r.json", "source.obj", "target.stl"),
+    ]
+
+
+def test_quiet_says_nothing(pair, tmp_path, capsys, monkeypatch, morphed):
+    noted = dataclasses.replace(morphed, warnings=("a remark",))
+
+    def remark(source, target, settings, progress, **landmarks):
+        progress(0.5, "working")
+        return noted
+
+    monkeypatch.setattr(cli, "morph", remark)
+    monkeypatch.setattr(commandline.sys, "stderr", terminal := Terminal())
+    code, out, _ = run(capsys, "morph", *pair, "-o", tmp_path / "out.ply")
+    assert (code, terminal.getvalue().split("\r")[-1]) == (0, "femors: note: a remark\n")
+    assert "50 %  working" in terminal.getvalue()
+    assert out == morphed.summary() + "\n"
+    monkeypatch.undo()
+    monkeypatch.setattr(cli, "morph", remark)
+    code, out, err = run(capsys, "morph", *pair, "-o", tmp_path / "out.ply", "--quiet")
+    assert (code, out, err) == (0, "", "")
+
+
+def test_stl_in_and_out_keeps_every_triangle(tmp_path, capsys):
+    meshfiles.write(tmp_path / "a.stl", SOURCE)
+    meshfiles.write(tmp_path / "b.ply", TARGET)
+    code, _, err = run(capsys, "morph", tmp_path / "a.stl", tmp_path / "b.ply", "-o", tmp_path / "o.stl")
+    assert code == 0, err
+    before, after = meshfiles.read(tmp_path / "a.stl"), meshfiles.read(tmp_path / "o.stl")
+    _, one = np.unique(before.vertices, axis=0, return_inverse=True)
+    _, two = np.unique(after.vertices, axis=0, return_inverse=True)
+    assert len(after.vertices) == len(before.vertices)
+    # corners that were one vertex still are one, and no others have become so
+    assert (
+        len(np.unique(np.column_stack((one.ravel(), two.ravel())), axis=0)) == one.max() + 1 == two.max() + 1
+    )
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent otherwise on Windows")
+def test_interrupted_program_leaves_nothing(tmp_path):
+    meshfiles.write(tmp_path / "a.stl", ball(150, 150, (30, 24, 60)))
+    meshfiles.write(tmp_path / "b.stl", ball(160, 160, (35, 26, 64)))
+    command = [sys.executable, "-m", "femors_addon", "morph", "a.stl", "b.stl", "-o", "out.stl"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    first = process.stderr.readline()
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert "%" in first
+    assert process.returncode == 130, err
+    assert out == ""
+    assert err.splitlines()[-1] == "femors: interrupted; nothing is written"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.stl", "b.stl"]
+
+
+# --- exit code 1 ----------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"converged": False, "stop_reason": "not converged: too far"}, "not converged: too far"),
+        ({"flipped": 3}, "3 faces of the result are flipped"),
+        ({"self_intersecting": 2}, "2 faces of the result cross"),
+    ],
+)
+def test_an_imperfect_result_is_written_and_said(pair, tmp_path, capsys, monkeypatch, morphed, change, words):
+    whole = {key: change[key] for key in change if key in ("converged", "stop_reason")}
+    counted = {key: change[key] for key in change if key not in whole}
+    imperfect = dataclasses.replace(morphed, **whole, after=dataclasses.replace(morphed.after, **counted))
+    monkeypatch.setattr(cli, "morph", lambda *args, **kwargs: imperfect)
+    report = tmp_path / "r.json"
+    code, out, err = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl", "--report", report, "--quiet")
+    assert (code, out) == (1, "")
+    assert words in err
+    assert "the result is written" in err
+    assert (tmp_path / "o.stl").exists()
+    assert words in json.loads(report.read_text())["faults"][0]
+
+
+# --- exit code 2 ----------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        ([], "a command is needed: morph"),
+        (["morf"], "invalid choice: 'morf'"),
+        (["morph", "a.stl"], "required: TARGET, -o/--out"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--align", "maybe"], "invalid choice: 'maybe'"),
+        (
+            ["morph", "a.stl", "b.stl", "-o", "c.stl", "--levels", "many"],
+            "--levels: invalid int value: 'many'",
+        ),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--levels", "-1"], "Reduced levels: -1 is outside"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--spread-start", "nan"], "nan is outside"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--nonsense"], "--nonsense"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--quie"], "--quie"),
+    ],
+)
+def test_usage_errors_are_one_line(capsys, no_morph, argv, words):
+    assert words in refused(capsys, *argv)
+
+
+def test_bad_files_are_one_line_and_nothing_is_written(pair, tmp_path, capsys, no_morph):
+    source, target = pair
+    (tmp_path / "folder.stl").mkdir()
+    text = tmp_path / "text.stl"
+    text.write_text("not a mesh\n")
+    before = sorted(tmp_path.iterdir())
+    cases = [
+        (tmp_path / "none.stl", target, "o.stl", "no such file"),
+        (source, tmp_path / "none.stl", "o.stl", "no such file"),
+        (text, target, "o.stl", "text"),
+        (source, target, "o.step", "'.step'"),
+        (source, target, "nowhere/o.stl", "no folder"),
+        (source, target, "folder.stl", "folder"),
+        (source, target, "source.obj", "also an input"),
+        (source, target, "./target.stl", "also an input"),
+    ]
+    for one, two, out, words in cases:
+        assert words in refused(capsys, "morph", one, two, "-o", tmp_path / out)
+    report = ("-o", tmp_path / "o.stl", "--report")
+    assert "two outputs" in refused(capsys, "morph", source, target, *report, tmp_path / "o.stl")
+    assert "no folder" in refused(capsys, "morph", source, target, *report, tmp_path / "nowhere" / "r.json")
+    os.link(source, tmp_path / "hard.obj")
+    assert "also an input" in refused(capsys, "morph", source, target, "-o", tmp_path / "hard.obj")
+    (tmp_path / "hard.obj").unlink()
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_mesh_that_cannot_be_morphed_is_one_line(tmp_path, capsys):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
+    meshfiles.write(tmp_path / "ball.stl", ball(8, 8, (1, 1, 1)))
+    err = refused(capsys, "morph", tmp_path / "flat.obj", tmp_path / "ball.stl", "-o", tmp_path / "o.stl")
+    assert "source" in err
+    assert not (tmp_path / "o.stl").exists()
+
+
+def test_a_defect_is_not_a_result(pair, tmp_path, capsys, no_morph):
+    code, out, err = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl")
+    assert (code, out) == (3, "")
+    assert "Traceback" in err
+    assert "please report" in err
+    assert not (tmp_path / "o.stl").exists()
+
+
+def test_out_of_memory_is_one_line(pair, tmp_path, capsys, monkeypatch):
+    def greedy(*args, **kwargs):
+        raise MemoryError
+
+    monkeypatch.setattr(cli, "morph", greedy)
+    assert "memory" in refused(capsys, "morph", *pair, "-o", tmp_path / "o.stl")
+
+
+# --- help, options --------------------------------------------------------------------------------
+@pytest.mark.parametrize("argv", [["--help"], ["morph", "--help"], ["--version"]])
+def test_help_and_version_end_well(capsys, argv):
+    code, out, err = run(capsys, *argv)
+    assert (code, err) == (0, "")
+    assert out
+
+
+def test_help_names_every_setting_and_exit_code(capsys):
+    _, out, _ = run(capsys, "morph", "--help")
+    for name in settings.specs(MorphSettings):
+        assert f"--{name.replace('_', '-')}" in out
+    assert "--align" in out
+    assert "advanced:" in out
+    assert "exit codes:" in out
+
+
+def test_version_is_that_of_the_manifest(capsys):
+    _, out, _ = run(capsys, "--version")
+    assert f'version = "{out.split()[1]}"' in (ROOT / "blender_manifest.toml").read_text()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_options_stand_over_the_preset(pair, tmp_path, capsys, monkeypatch, preset):
+    seen = []
+
+    def look(source, target, settings, progress, **landmarks):
+        seen.append(settings)
+        raise FemorsError("seen")
+
+    monkeypatch.setattr(cli, "morph", look)
+    refused(capsys, "morph", *pair, "-o", tmp_path / "o.stl", "--preset", preset)
+    options = [
+        "--align",
+        "none",
+        "--partial",
+        "target",
+        "--levels",
+        "1",
+        "--fix-units",
+        "--spread-end",
+        "2.5",
+    ]
+    refused(capsys, "morph", *pair, "-o", tmp_path / "o.stl", "--preset", preset, *options)
+    changed = {"alignment": "none", "partial": "target", "levels": 1, "fix_units": True, "spread_end": 2.5}
+    assert seen == [PRESETS[preset], dataclasses.replace(PRESETS[preset], **changed)]
+
+
+def test_progress_rewrites_one_line_of_a_terminal():
+    err = Terminal()
+    console = commandline.Console(err=err)
+    console.progress(0.1, "a long text")
+    console.progress(0.2, "short")
+    console.warn("done")
+    assert "\n" not in err.getvalue()[: -len("femors: done\n")]
+    assert err.getvalue().endswith("\rfemors: done\n")
+    lines = err.getvalue().split("\r")
+    assert len(lines[2]) == len(lines[1])  # the shorter text hides the longer one
+
+
+@pytest.mark.parametrize(("seconds", "lines"), [(0.5, 0), (3.0, 2), (1000.0, 10)])
+def test_progress_elsewhere_is_sparse(monkeypatch, seconds, lines):
+    now = [0.0]
+    monkeypatch.setattr(commandline.time, "monotonic", lambda: now[0])
+    err = io.StringIO()
+    console = commandline.Console(err=err)
+    for i in range(1001):
+        now[0] = seconds * i / 1000
+        console.progress(i / 1000, f"step {i}")
+    written = err.getvalue().splitlines()
+    assert len(written) == lines
+    assert lines < 10 or written[0] == " 10 %  step 100"
+
+
+# --- landmarks ------------------------------------------------------------------------------------
+POINTS = np.array([[1, 2, 3.5], [-4, 5, 6], [7, 8, -9e1], [0, 1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("1,2,3.5\n-4,5,6\n7, 8, -9e1\n0,1,0", ()),
+        ("x,y,z\n1,2,3.5\n\n# a remark\n-4,5,6\n7,8,-90\n0,1,0\n", ()),
+        ("\ufeffname;x;y;z\r\na;1;2;3.5\r\nb;-4;5;6\r\nc;7;8;-90\r\nd;0;1;0\r\n", ("a", "b", "c", "d")),
+        ('"a, front",1,2,3.5\nb,-4,5,6\nc,7,8,-90\nd,0,1,0\n', ("a, front", "b", "c", "d")),
+        ("z\ty\tx\tlabel\n3.5\t2\t1\ta\n6\t5\t-4\tb\n-90\t8\t7\tc\n0\t1\t0\td\n", ("a", "b", "c", "d")),
+    ],
+)
+def test_landmark_files(tmp_path, text, names):
+    path = tmp_path / "points.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    landmarks = landmarkfiles.read(path)
+    assert np.array_equal(landmarks.points, POINTS)
+    assert landmarks.names == names
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x,y,z\n", "no landmarks"),
+        ("1,2\n", "line 1: .* not 2 values"),
+        ("1,2,3\n4,5\n", "line 2: 3 values are needed, not 2"),
+        ("1,2,3\n4,five,6\n", "line 2: 'five' is not a number"),
+        ("1,2,3\n4,1_0,6\n", "line 2: '1_0' is not a number"),
+        ("1,2,inf\n", "line 1: .* not finite"),
+        ("a,1,2,3\na,4,5,6\n", "'a' stands twice"),
+    ],
+)
+def test_landmark_files_that_are_refused(tmp_path, text, words):
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(FemorsError, match=words) as caught:
+        landmarkfiles.read(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_landmarks_are_paired_by_name_or_by_order():
+    names = ("a", "b", "c", "d")
+    shuffled = [2, 0, 3, 1]
+    target = landmarkfiles.Landmarks(POINTS[shuffled] + 1, tuple(names[i] for i in shuffled))
+    one, two = landmarkfiles.paired(landmarkfiles.Landmarks(POINTS, names), target)
+    assert np.array_equal(two, one + 1)
+    one, two = landmarkfiles.paired(landmarkfiles.Landmarks(POINTS), target)
+    assert np.array_equal(two, POINTS[shuffled] + 1)
+    with pytest.raises(FemorsError, match="partner of the same name: d, e"):
+        landmarkfiles.paired(
+            landmarkfiles.Landmarks(POINTS, names), landmarkfiles.Landmarks(POINTS, ("a", "b", "c", "e"))
+        )
+    with pytest.raises(FemorsError, match="4 source landmarks and 3 target"):
+        landmarkfiles.paired(landmarkfiles.Landmarks(POINTS), landmarkfiles.Landmarks(POINTS[:3]))
+    with pytest.raises(FemorsError, match="at least 3"):
+        landmarkfiles.paired(landmarkfiles.Landmarks(POINTS[:2]), landmarkfiles.Landmarks(POINTS[:2]))
+
+
+def test_landmarks_reach_the_morph(pair, tmp_path, capsys, monkeypatch):
+    def look(source, target, settings, progress, *, source_landmarks, target_landmarks):
+        assert np.array_equal(source_landmarks, POINTS)
+        assert np.array_equal(target_landmarks, POINTS + 1)
+        raise FemorsError("seen")
+
+    monkeypatch.setattr(cli, "morph", look)
+    np.savetxt(tmp_path / "a.csv", POINTS, delimiter=",")
+    np.savetxt(tmp_path / "b.csv", POINTS + 1, delimiter=",")
+    start = ["morph", *pair, "-o", tmp_path / "o.stl", "--source-landmarks", tmp_path / "a.csv"]
+    assert "seen" in refused(capsys, *start, "--target-landmarks", tmp_path / "b.csv")
+    assert "go together" in refused(capsys, *start)
+    same = ["--target-landmarks", tmp_path / "b.csv", "--field", tmp_path / "b.csv"]
+    assert "also an input" in refused(capsys, *start, *same)
