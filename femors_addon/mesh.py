@@ -19,7 +19,7 @@ Int = NDArray[np.int32]
 
 def frozen(array: ArrayLike, dtype: type, columns: int) -> NDArray:
     """Return a read-only, contiguous (n, columns) array of the dtype."""
-    out = np.array(array, dtype=dtype, order="C").reshape(-1, columns)
+    out: NDArray = np.array(array, dtype=dtype, order="C").reshape(-1, columns)
     out.setflags(write=False)
     return out
 
@@ -97,7 +97,9 @@ class Surface:
 
     @cached_property
     def bounds(self) -> tuple[Float, Float]:
-        """Lowest and highest corner of the axis-aligned bounding box."""
+        """Lowest and highest corner of the axis-aligned bounding box; the origin where no vertex is."""
+        if not len(self.vertices):
+            return np.zeros(3), np.zeros(3)
         return self.vertices.min(axis=0), self.vertices.max(axis=0)
 
     @cached_property
@@ -333,7 +335,9 @@ def oriented(surface: Surface) -> tuple[Surface, int]:
     turn = flip != wrong[component]
     if not turn.any():
         return surface, 0
-    return Surface(surface.vertices, np.where(turn[:, None], surface.faces[:, ::-1], surface.faces)), int(turn.sum())
+    return Surface(surface.vertices, np.where(turn[:, None], surface.faces[:, ::-1], surface.faces)), int(
+        turn.sum()
+    )
 
 
 def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
@@ -347,19 +351,25 @@ def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
 
     disagree = forward(faces[:, 0]) == forward(faces[:, 1])
     graph = edge_matrix(faces, m)
-    graph.data[:] = 1.0
-    count, component = csgraph.connected_components(graph, directed=False)
+    _, component = csgraph.connected_components(graph, directed=False)
     flip = np.zeros(m, dtype=bool)
     if disagree.any():
-        sign = sparse.csr_matrix((disagree + 1.0, (faces[:, 0], faces[:, 1])), shape=(m, m))
+        # one node more, joined to a face of each component: a single walk comes to them all
+        roots = np.unique(component, return_index=True)[1]
+        # two faces that share several edges (twins) are joined by one of them: sparse entries add up
+        single = np.unique(faces[:, 0].astype(np.int64) * m + faces[:, 1], return_index=True)[1]
+        row = np.concatenate((faces[single, 0], np.full(len(roots), m)))
+        column = np.concatenate((faces[single, 1], roots))
+        value = np.concatenate((disagree[single] + 1.0, np.ones(len(roots))))
+        sign = sparse.csr_matrix((value, (row, column)), shape=(m + 1, m + 1))
         sign = (sign + sign.T).tocsr()
-        for root in np.unique(component, return_index=True)[1]:
-            order, before = csgraph.breadth_first_order(graph, root, directed=False)
-            if len(order) < 2:
-                continue
-            step = np.asarray(sign[order[1:], before[order[1:]]]).ravel() > 1.5
-            for face, parent, odd in zip(order[1:], before[order[1:]], step, strict=True):
-                flip[face] = flip[parent] != odd
+        order, before = csgraph.breadth_first_order(sign, m, directed=False)
+        order = order[1:]
+        step = np.asarray(sign[order, before[order]]).ravel() > 1.5
+        turned = np.zeros(m + 1, dtype=bool)
+        for face, parent, odd in zip(order, before[order], step, strict=True):
+            turned[face] = turned[parent] != odd
+        flip = turned[:m]
     return flip, component.astype(np.int32)
 
 
@@ -367,7 +377,9 @@ def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:
     """Signed volume of each component about its own centroid (so that open shells have one too)."""
     corners = vertices[faces]
     count = np.bincount(component)
-    centre = np.column_stack([np.bincount(component, corners[:, :, k].mean(axis=1)) / count for k in range(3)])
+    centre = np.column_stack(
+        [np.bincount(component, corners[:, :, k].mean(axis=1)) / count for k in range(3)]
+    )
     a, b, c = np.moveaxis(corners - centre[component][:, None, :], 1, 0)
     return np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c))) / 6.0
 
