@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators: read the scene, run the core, write the scene. They import SciPy only when they run."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import command, dependencies, job, morph, props
+
+
+def register() -> None:
+    """Register properties, operators and the command line."""
+    dependencies.missing.cache_clear()
+    props.register()
+    job.register()
+    for cls in morph.classes:
+        bpy.utils.register_class(cls)
+    command.register()
+
+
+def unregister() -> None:
+    """End a running job and take everything back, in reverse."""
+    command.unregister()
+    job.unregister()
+    for cls in reversed(morph.classes):
+        bpy.utils.unregister_class(cls)
+    props.unregister()

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The operator `femors.morph`: snapshot, morph, apply.
+
+No ``from __future__ import annotations`` here: Blender reads annotations as property definitions.
+"""
+
+import json
+from typing import Any, ClassVar
+
+import bpy
+import numpy as np
+
+from ..femors_addon.morph_settings import PRESETS, MorphSettings
+from ..femors_addon.progress import FemorsError
+from ..femors_addon.settings import check, specs
+from . import dependencies, result, scene
+from .job import Compute, JobOperator
+from .props import (
+    ARGUMENT,
+    add_properties,
+    fill_from_preset,
+    read_settings,
+    result_properties,
+    setting_properties,
+)
+
+DISTANCE = "femors_surface_distance"
+DISPLACEMENT = "femors_displacement"
+
+
+def form_gap(form: Any) -> str:
+    """Return what is missing in the panel's form, in words, or ""."""
+    source, target = (item if item and item.users_scene else None for item in (form.source, form.target))
+    if source is None:
+        return "Choose the source: the mesh that is morphed"
+    if target is None:
+        return "Choose the target: the shape to reach"
+    if source == target:
+        return "Source and target are the same object: choose two"
+    return ""
+
+
+@add_properties(setting_properties(MorphSettings, flags=ARGUMENT), result_properties(ARGUMENT))
+class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
+    """Give the source mesh the target's shape; the source's vertices, faces and materials stay"""
+
+    bl_idname = "femors.morph"
+    bl_label = "Morph"
+    # no REGISTER: the redo panel would run a long job again at each change
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+    title = "Morph"
+
+    source: bpy.props.StringProperty(
+        name="Source", description="Name of the object to morph", options={"SKIP_SAVE"}
+    )
+    target: bpy.props.StringProperty(
+        name="Target", description="Name of the shape to reach", options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Say in words what is missing; the form counts only for the button that is drawn with it."""
+        form = getattr(context, "femors_form", None)
+        if JobOperator.current is not None:
+            message = "A FEMORS job is running: wait or cancel it"
+        elif context.mode != "OBJECT":
+            message = "Leave Edit Mode or painting first: the morph works in Object Mode"
+        else:
+            message = dependencies.missing() or (form_gap(form) if form else "")
+        if message:
+            cls.poll_message_set(message)
+        return not message
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Take from the form what the caller has not set, and start in the background."""
+        form = context.scene.femors
+        for name in ("source", "target"):
+            item = getattr(form, name)
+            if not self.properties.is_property_set(name) and item is not None:
+                setattr(self, name, item.name)
+        for name in ("result", "vertex_group", "use_evaluated", "use_landmarks", *specs(MorphSettings)):
+            if not self.properties.is_property_set(name):
+                setattr(self, name, getattr(form, name))
+        return self.run_modal(context)
+
+    def prepare(self, context: bpy.types.Context) -> Compute:
+        """Read source and target; return the morph as a function of progress."""
+        dependencies.require()
+        from ..femors_addon.mesh import Surface
+        from ..femors_addon.morph import morph
+
+        settings = read_settings(self.properties, MorphSettings, PRESETS)
+        check(settings)
+        source = scene.find(self.source, "source")
+        target = scene.find(self.target, "target")
+        if source == target:
+            raise FemorsError(f"Source and target are the same object, '{source.name}': choose two")
+        result.check_writable(source, self.result, self.use_evaluated)
+        seen = self.use_evaluated and self.result == "NEW"
+        self._source = scene.snapshot(context, source, seen, self.vertex_group, self.use_landmarks)
+        self._target = scene.snapshot(context, target, self.use_evaluated, landmarks=self.use_landmarks)
+        ours, theirs = (
+            scene.paired_landmarks(self._source, self._target) if self.use_landmarks else (None, None)
+        )
+        surfaces = [Surface(shot.vertices, shot.triangles) for shot in (self._source, self._target)]
+        weights = self._source.weights
+        return lambda progress: morph(
+            *surfaces, settings, progress, weights=weights, source_landmarks=ours, target_landmarks=theirs
+        )
+
+    def apply(self, context: bpy.types.Context, morphed: Any) -> tuple[str, str]:
+        """Write the shape, its figures and its attributes; everything that can fail comes first."""
+        source = scene.unchanged(context, self._source)
+        scene.unchanged(context, self._target)
+        result.check_writable(source, self.result, self.use_evaluated)
+        local = self._source.to_local(morphed.vertices)
+        report = json.dumps({"source": self._source.name, "target": self._target.name, **morphed.report()})
+        inside_out = float(np.linalg.det(morphed.transform[:3, :3])) < 0
+        note = ""
+        if self.result == "NEW":
+            name = f"{source.name} morphed to {self._target.name}"
+            item = result.new_object(context, source, self._source, local, name, inside_out)
+        else:
+            item = source
+            if self.result == "SHAPE_KEY":
+                note = result.shape_key(source, local, self._target.name)
+            else:
+                note = result.in_place(source, local, inside_out)
+        result.point_attribute(item.data, DISTANCE, morphed.surface_distance)
+        result.point_attribute(item.data, DISPLACEMENT, morphed.displacement)
+        item.femors.report = report
+        return self._line(item, morphed, note)
+
+    def _line(self, item: bpy.types.Object, morphed: Any, note: str) -> tuple[str, str]:
+        """Return the report's level and text."""
+        after = morphed.after
+        distance = after.surface_to_target
+        line = (
+            f"'{item.name}': distance to '{self._target.name}' median {distance.median:.3g}, "
+            f"99 % {distance.p99:.3g}, max {distance.maximum:.3g}; {morphed.stop_reason}{note}"
+        )
+        faults = [*morphed.warnings]
+        if after.flipped or after.self_intersecting:
+            faults.append(f"{after.flipped} flipped and {after.self_intersecting} self-intersecting faces")
+        return ("WARNING" if faults or not morphed.converged else "INFO"), "; ".join([line, *faults])
+
+
+class FEMORS_OT_pick_selection(bpy.types.Operator):
+    """Take the active mesh as source and the other selected mesh as target"""
+
+    bl_idname = "femors.pick_selection"
+    bl_label = "Pick from Selection"
+    bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh must be active or selected."""
+        if any(item.type == "MESH" for item in context.selected_objects):
+            return True
+        cls.poll_message_set("Select the target, then Shift-click the source")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Fill the pickers."""
+        form = context.scene.femors
+        source, target = from_selection(context)
+        form.source = source
+        if target is not None:
+            form.target = target
+        if form.vertex_group and (source is None or form.vertex_group not in source.vertex_groups):
+            form.vertex_group = ""
+        return {"FINISHED"}
+
+
+class FEMORS_OT_reset_preset(bpy.types.Operator):
+    """Give all advanced settings the values of the chosen preset"""
+
+    bl_idname = "femors.reset_preset"
+    bl_label = "Reset to Preset"
+    bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Fill the form."""
+        fill_from_preset(context.scene.femors, MorphSettings, PRESETS)
+        return {"FINISHED"}
+
+
+def from_selection(context: bpy.types.Context) -> tuple[bpy.types.Object | None, bpy.types.Object | None]:
+    """Return the active mesh and the other selected mesh, where there is exactly one."""
+    meshes = [item for item in context.selected_objects if item.type == "MESH"]
+    active = context.active_object
+    source = active if active in meshes else (meshes[0] if meshes else None)
+    others = [item for item in meshes if item != source]
+    return source, others[0] if len(others) == 1 else None
+
+
+classes = (FEMORS_OT_morph, FEMORS_OT_pick_selection, FEMORS_OT_reset_preset)

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender properties made from the core's settings: the panel's form and the operators' arguments.
+
+No ``from __future__ import annotations`` here: Blender reads annotations as property definitions.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import bpy
+
+from ..femors_addon.morph_settings import PRESETS, MorphSettings
+from ..femors_addon.settings import specs
+
+T = TypeVar("T")
+
+FORM = frozenset[str]()
+"""Options of the form's properties: not animatable, or every field would grow a keyframe dot."""
+ARGUMENT = frozenset({"SKIP_SAVE"})
+"""Options of an operator's properties: a call starts from the defaults, not from the call before."""
+
+RESULTS = (
+    ("NEW", "New Object", "Leave the source as it is and make a morphed copy of it"),
+    ("SHAPE_KEY", "Shape Key", "Add a shape key to the source: its slider blends from source to morphed"),
+    ("IN_PLACE", "In Place", "Move the vertices of the source itself"),
+)
+
+
+def setting_properties(
+    cls: type, update: dict[str, Callable] | None = None, flags: frozenset[str] = FORM
+) -> dict[str, Any]:
+    """Return one Blender property for each setting of a dataclass, by name.
+
+    Parameters
+    ----------
+    update : dict
+        By setting name, a function (self, context) that Blender calls when the value changes.
+    flags : set of str
+        Blender's property options.
+    """
+    made = {}
+    for name, (field, spec) in specs(cls).items():
+        default = field.default
+        options: dict[str, Any] = {"name": spec.label, "description": spec.help, "default": default}
+        options["options"] = set(flags)
+        if update and name in update:
+            options["update"] = update[name]
+        if spec.choices:
+            made[name] = bpy.props.EnumProperty(items=spec.choices, **options)
+        elif isinstance(default, bool):
+            made[name] = bpy.props.BoolProperty(**options)
+        elif isinstance(default, str):
+            made[name] = bpy.props.StringProperty(**options)
+        else:
+            if spec.minimum is not None:
+                options["min"] = spec.minimum
+            if spec.maximum is not None:
+                options["max"] = spec.maximum
+            if isinstance(default, int):
+                made[name] = bpy.props.IntProperty(**options)
+            else:
+                made[name] = bpy.props.FloatProperty(**options, **_float_display(default, spec.unit))
+    return made
+
+
+def _float_display(default: float, unit: str) -> dict[str, Any]:
+    """Return how a number is shown; small defaults such as 1e-4 need more digits."""
+    shown: dict[str, Any] = {"precision": 5 if 0 < abs(default) < 0.01 else 3}
+    if unit == "length":
+        shown["subtype"] = "DISTANCE"
+    elif unit == "angle":
+        shown["subtype"] = "ANGLE"
+    return shown
+
+
+def add_properties(*groups: dict[str, Any]) -> Callable[[type[T]], type[T]]:
+    """Class decorator: add property definitions to those that the class body gives."""
+
+    def decorate(cls: type[T]) -> type[T]:
+        merged = dict(cls.__dict__.get("__annotations__") or getattr(cls, "__annotations__", {}))
+        for group in groups:
+            merged.update(group)
+        cls.__annotations__ = merged
+        return cls
+
+    return decorate
+
+
+def exact(value: float) -> float:
+    """Return the short decimal behind a single-precision number: 0.95 where Blender has 0.94999999."""
+    return float(f"{value:.7g}")
+
+
+def read_settings(properties: Any, cls: type[T], presets: dict[str, T]) -> T:
+    """Return the settings that an operator was called with.
+
+    The preset's values hold, except for those that the caller has set.
+    """
+    values = dataclasses.asdict(presets[properties.preset])  # type: ignore[call-overload]
+    for name, (field, _) in specs(cls).items():
+        if properties.is_property_set(name):
+            value = getattr(properties, name)
+            values[name] = exact(value) if isinstance(field.default, float) else value
+    return cls(**values)
+
+
+def fill_from_preset(form: Any, cls: type, presets: dict[str, Any]) -> None:
+    """Write a preset's advanced values into a form; what the user said of the data stays."""
+    for name, (_, spec) in specs(cls).items():
+        if spec.advanced:
+            setattr(form, name, getattr(presets[form.preset], name))
+
+
+def changed_from_preset(form: Any, cls: type, presets: dict[str, Any]) -> list[str]:
+    """Return the names of the advanced settings in which a form differs from its preset."""
+    out = []
+    for name, (field, spec) in specs(cls).items():
+        value = getattr(form, name)
+        value = exact(value) if isinstance(field.default, float) else value
+        if spec.advanced and value != getattr(presets[form.preset], name):
+            out.append(name)
+    return out
+
+
+def result_properties(flags: frozenset[str] = FORM) -> dict[str, Any]:
+    """Return the options of a morph that concern Blender only."""
+    options = set(flags)
+    return {
+        "result": bpy.props.EnumProperty(
+            name="Result", description="Where the morphed shape goes", items=RESULTS, options=options
+        ),
+        "vertex_group": bpy.props.StringProperty(
+            name="Vertex Group",
+            description=(
+                "Vertex group of the source that says where it may move: "
+                "0 stays as it was aligned, 1 follows fully"
+            ),
+            options=options,
+        ),
+        "use_evaluated": bpy.props.BoolProperty(
+            name="Use Modifiers",
+            description="Work on the meshes as they are seen, with modifiers and shape keys applied",
+            options=options,
+        ),
+        "use_landmarks": bpy.props.BoolProperty(
+            name="Landmarks",
+            description=(
+                "Align first by pairs of landmarks: vertex groups of exactly one vertex, "
+                "with the same names on source and target; at least three"
+            ),
+            options=options,
+        ),
+    }
+
+
+def _is_mesh(self: Any, item: bpy.types.Object) -> bool:
+    return item.type == "MESH"
+
+
+def _preset_chosen(self: Any, context: bpy.types.Context) -> None:
+    fill_from_preset(self, MorphSettings, PRESETS)
+
+
+@add_properties(setting_properties(MorphSettings, {"preset": _preset_chosen}), result_properties())
+class FEMORS_PG_scene(bpy.types.PropertyGroup):
+    """The panel's form, `Scene.femors`."""
+
+    source: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=_is_mesh,
+        name="Source",
+        description="The mesh that is morphed; the result keeps its vertices, faces and materials",
+    )
+    target: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=_is_mesh,
+        name="Target",
+        description="The shape to reach; it stays as it is",
+    )
+
+
+class FEMORS_PG_object(bpy.types.PropertyGroup):
+    """What FEMORS keeps with an object, `Object.femors`."""
+
+    report: bpy.props.StringProperty(
+        name="Report", description="Figures of the morph that made this shape, as JSON", options={"HIDDEN"}
+    )
+
+
+classes = (FEMORS_PG_scene, FEMORS_PG_object)
+
+
+def register() -> None:
+    """Register the property groups and hang them on scenes and objects."""
+    for cls in classes:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.femors = bpy.props.PointerProperty(type=FEMORS_PG_scene)
+    bpy.types.Object.femors = bpy.props.PointerProperty(type=FEMORS_PG_object)
+
+
+def unregister() -> None:
+    """Take the property groups back."""
+    del bpy.types.Object.femors
+    del bpy.types.Scene.femors
+    for cls in reversed(classes):
+        bpy.utils.unregister_class(cls)

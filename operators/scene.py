@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's meshes as arrays: the only module that reads geometry (`result` writes it back)."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..femors_addon.progress import FemorsError
+
+Array = NDArray[Any]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A mesh object as it was when a job began: arrays and names, no reference into Blender.
+
+    Attributes
+    ----------
+    name, library : str
+        The object's name and, for linked data, its library's path ("" for local data).
+    evaluated : bool
+        Whether modifiers and shape key sliders are included.
+    vertices : (n, 3) float64
+        World coordinates.
+    triangles : (m, 3) int32
+        Quads split on a fixed diagonal, larger polygons as Blender draws them.
+    matrix : (4, 4) float64
+        Local to world.
+    fingerprint : str
+        Changes when positions, topology or the transform change.
+    weights : (n,) float64 or None
+        Of the vertex group that was asked for.
+    landmarks : dict of str to (3,) float64
+        World positions of the vertex groups with one vertex, where they were asked for.
+    """
+
+    name: str
+    library: str
+    evaluated: bool
+    vertices: Array
+    triangles: Array
+    matrix: Array
+    fingerprint: str
+    weights: Array | None = None
+    landmarks: dict[str, Array] = dataclasses.field(default_factory=dict)
+
+    def to_local(self, world: Array) -> Array:
+        """Return world positions (n, 3) as float64 positions in the object's own space."""
+        inverse = np.linalg.inv(self.matrix)
+        return world @ inverse[:3, :3].T + inverse[:3, 3]
+
+
+def find(name: str, role: str) -> bpy.types.Object:
+    """Return the mesh object of this name, the local one where a linked one has the same name.
+
+    Raises
+    ------
+    FemorsError
+        No name, no such object in any scene, or not a mesh.
+    """
+    if not name:
+        raise FemorsError(f"No {role} chosen: pick a mesh object, or pass {role}='<object name>'")
+    found = bpy.data.objects.get((name, None)) or bpy.data.objects.get(name)
+    if found is None or not found.users_scene:
+        raise FemorsError(f"There is no object named '{name}' to be the {role}")
+    if found.type != "MESH":
+        kind = found.bl_rna.properties["type"].enum_items[found.type].name.lower()
+        raise FemorsError(f"The {role} '{name}' is of type {kind}: convert it to a mesh first")
+    return found
+
+
+def snapshot(
+    context: bpy.types.Context,
+    item: bpy.types.Object,
+    evaluated: bool = False,
+    group: str = "",
+    landmarks: bool = False,
+) -> Snapshot:
+    """Read a mesh object into arrays, in world coordinates.
+
+    Parameters
+    ----------
+    evaluated : bool
+        Read the mesh with its modifiers and shape keys applied, otherwise its base (the Basis).
+    group : str
+        Vertex group whose weights are read, "" for none.
+    landmarks : bool
+        Read the vertex groups with one vertex as landmarks.
+
+    Raises
+    ------
+    FemorsError
+        No faces, coordinates that are not finite, a transform that flattens the object, no such
+        vertex group, or modifiers that Blender does not evaluate, the object being disabled.
+    """
+    depsgraph = context.evaluated_depsgraph_get()
+    if item.mode == "EDIT":
+        item.update_from_editmode()
+    matrix = world_matrix(item, depsgraph)
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
+        raise FemorsError(
+            f"'{item.name}' is scaled to zero in some direction: correct its scale (Alt+S resets it)"
+        )
+    mesh = evaluated_mesh(item, depsgraph) if evaluated else item.data
+    try:
+        positions, sizes, corners, triangles = _arrays(mesh, item.name)
+        world = positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+        weights = group_weights(item, mesh, group) if group else None
+        points = {n: world[i] for n, i in landmark_vertices(item, mesh).items()} if landmarks else {}
+    finally:
+        if evaluated:
+            bpy.data.meshes.remove(mesh)
+    digest = hashlib.blake2b(digest_size=16)
+    for array in (positions, sizes, corners, matrix):
+        digest.update(np.int64(len(array)).tobytes())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    for array in (world, triangles, matrix):
+        array.setflags(write=False)
+    library = item.library.filepath if item.library else ""
+    return Snapshot(
+        item.name,
+        library,
+        evaluated,
+        world,
+        triangles,
+        matrix,
+        digest.hexdigest(),
+        weights=weights,
+        landmarks=points,
+    )
+
+
+def unchanged(context: bpy.types.Context, before: Snapshot) -> bpy.types.Object:
+    """Return the object of a snapshot, as it is now.
+
+    Raises
+    ------
+    FemorsError
+        It was deleted, renamed, edited or moved since.
+    """
+    item = bpy.data.objects.get((before.name, before.library or None))
+    # an object that only a picker still points at stays in the file without a scene
+    if item is None or item.type != "MESH" or not item.users_scene:
+        raise FemorsError(f"'{before.name}' was deleted or renamed while the job ran: nothing was changed")
+    try:
+        now = snapshot(context, item, before.evaluated).fingerprint
+    except FemorsError:
+        now = ""
+    if now != before.fingerprint:
+        raise FemorsError(
+            f"'{before.name}' was edited or moved while the job ran: nothing was changed, run it again"
+        )
+    return item
+
+
+def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh:
+    """Return a new mesh data-block with the object's modifiers and shape keys applied."""
+    seen = item.evaluated_get(depsgraph)
+    if not seen.is_evaluated:
+        raise FemorsError(
+            f"'{item.name}' is disabled or outside this view layer, so Blender does not evaluate its "
+            "modifiers: enable it, or untick Use Modifiers"
+        )
+    return bpy.data.meshes.new_from_object(seen, preserve_all_data_layers=True, depsgraph=depsgraph)
+
+
+def world_matrix(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Array:
+    """Return (4, 4) float64 local to world, also where Blender does not keep `matrix_world` fresh.
+
+    Objects that are disabled or outside the view layer keep an old `matrix_world`; theirs is made
+    from their parents. (Their constraints count as they were last seen.)
+    """
+    if item.evaluated_get(depsgraph).is_evaluated or item.constraints or item.parent_type != "OBJECT":
+        return np.array(item.matrix_world, dtype=np.float64)
+    own = np.array(item.matrix_basis, dtype=np.float64)
+    if item.parent is None:
+        return own
+    inverse = np.array(item.matrix_parent_inverse, dtype=np.float64)
+    return world_matrix(item.parent, depsgraph) @ inverse @ own
+
+
+def base_positions(mesh: bpy.types.Mesh) -> Array:
+    """Return the (n, 3) float32 positions of a mesh without shape key sliders: those of its Basis."""
+    out = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    if mesh.shape_keys:
+        mesh.shape_keys.reference_key.data.foreach_get("co", out)
+    else:
+        mesh.vertices.foreach_get("co", out)
+    return out.reshape(-1, 3)
+
+
+def _arrays(mesh: bpy.types.Mesh, name: str) -> tuple[Array, Array, Array, Array]:
+    """Return positions, polygon sizes, corner vertices and triangles of a mesh."""
+    positions = base_positions(mesh)
+    sizes = np.empty(len(mesh.polygons), dtype=np.int32)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    corners = np.empty(len(mesh.loops), dtype=np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    if not len(sizes):
+        raise FemorsError(f"'{name}' has no faces: a surface mesh is needed")
+    bad = int((~np.isfinite(positions).all(axis=1)).sum())
+    if bad:
+        raise FemorsError(
+            f"'{name}': {bad} of {len(positions)} vertices have coordinates that are not finite; "
+            "repair or delete them"
+        )
+    return positions, sizes, corners, _triangles(mesh, sizes, corners)
+
+
+def _triangles(mesh: bpy.types.Mesh, sizes: Array, corners: Array) -> Array:
+    from ..femors_addon.mesh import triangulate
+
+    large = sizes > 4
+    small = ~large
+    triangles, _ = triangulate(sizes[small], corners[np.repeat(small, sizes)])
+    if not large.any():
+        return triangles
+    # a fan would fold over itself in a concave polygon, so these are cut as Blender draws them
+    count = len(mesh.loop_triangles)
+    vertices = np.empty(3 * count, dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", vertices)
+    polygon = np.empty(count, dtype=np.int32)
+    mesh.loop_triangles.foreach_get("polygon_index", polygon)
+    return np.concatenate((triangles, vertices.reshape(-1, 3)[large[polygon]]))
+
+
+def group_weights(item: bpy.types.Object, mesh: bpy.types.Mesh, name: str) -> Array:
+    """Return (n,) float64 weights of a vertex group on the object's mesh, 0 outside of the group.
+
+    Raises
+    ------
+    FemorsError
+        No such group, or no vertex with a weight.
+    """
+    group = item.vertex_groups.get(name)
+    if group is None:
+        raise FemorsError(f"'{item.name}' has no vertex group named '{name}'")
+    weights = np.zeros(len(mesh.vertices))
+    for vertex in mesh.vertices:
+        for member in vertex.groups:
+            if member.group == group.index:
+                weights[vertex.index] = member.weight
+    if not weights.any():
+        raise FemorsError(
+            f"The vertex group '{name}' of '{item.name}' has no vertex with a weight: nothing may move"
+        )
+    return weights
+
+
+def landmark_vertices(item: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str, int]:
+    """Return, by name, the vertex of each vertex group that has exactly one in the base mesh.
+
+    In an evaluated mesh, whose modifiers may have spread the weight, the heaviest vertex stands for it.
+    """
+    count = [0] * len(item.vertex_groups)
+    for vertex in item.data.vertices:
+        for member in vertex.groups:
+            count[member.group] += 1
+    heaviest: dict[int, tuple[float, int]] = {}
+    for vertex in mesh.vertices:
+        for member in vertex.groups:
+            if count[member.group] == 1 and member.weight >= heaviest.get(member.group, (0.0, 0))[0]:
+                heaviest[member.group] = (member.weight, vertex.index)
+    return {g.name: heaviest[g.index][1] for g in item.vertex_groups if g.index in heaviest}
+
+
+def paired_landmarks(source: Snapshot, target: Snapshot) -> tuple[Array, Array]:
+    """Return (k, 3) and (k, 3) world positions of the landmarks that both objects have.
+
+    Raises
+    ------
+    FemorsError
+        Fewer than three pairs.
+    """
+    names = [name for name in source.landmarks if name in target.landmarks]
+    if len(names) < 3:
+        raise FemorsError(
+            f"{len(names)} landmark pair(s) between '{source.name}' and '{target.name}', at least 3 are "
+            "needed: make vertex groups of one vertex each, with the same names on both"
+        )
+    return np.array([source.landmarks[n] for n in names]), np.array([target.landmarks[n] for n in names])

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The job mix-in without a window: threads, endings, and what the user is told."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import bpy
+import pytest
+
+
+def wait_for(condition, seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+
+
+def endless(progress):
+    """Say progress until cancelled."""
+    for i in range(10**9):
+        progress(i / 10**9, f"step {i}")
+        time.sleep(0.002)
+
+
+class Context:
+    """A window manager that counts its timers."""
+
+    window = None
+
+    def __init__(self):
+        self.window_manager = self
+        self.timers = 0
+
+    def event_timer_add(self, seconds, window):
+        self.timers += 1
+        return self
+
+    def event_timer_remove(self, timer):
+        self.timers -= 1
+
+
+@pytest.fixture()
+def context(extension, part, monkeypatch):
+    fake = Context()
+    module = part("operators.job")
+
+    class Data:
+        workspaces = ()
+
+    class Bpy:
+        context, data = fake, Data
+
+    monkeypatch.setattr(module, "bpy", Bpy)
+    monkeypatch.setattr(module, "redraw", lambda: None)
+    return fake
+
+
+def threads() -> list[threading.Thread]:
+    return [t for t in threading.enumerate() if t.name == "FEMORS job"]
+
+
+def test_a_job_hands_over_its_result(context, part):
+    job = part("operators.job").Job("Test", lambda progress: (progress(0.5, "half"), 42)[1])
+    job.start(context)
+    wait_for(lambda: not job.alive)
+    assert (job.result, job.error, job.fraction, job.text) == (42, None, 0.5, "half")
+    job.close()
+    job.close()
+    assert job.closed
+    assert context.timers == 0
+
+
+def test_a_job_hands_over_its_error(context, part):
+    error = part("femors_addon.progress").FemorsError("no")
+
+    def fails(progress):
+        raise error
+
+    job = part("operators.job").Job("Test", fails)
+    job.start(context)
+    wait_for(lambda: not job.alive)
+    assert job.error is error
+    job.close()
+
+
+def test_cancel_ends_at_the_next_word(context, part):
+    job = part("operators.job").Job("Test", endless)
+    job.start(context)
+    wait_for(lambda: job.fraction > 0)
+    job.cancel()
+    wait_for(lambda: not job.alive)
+    assert isinstance(job.error, part("femors_addon.progress").Cancelled)
+    assert job.cancelling and job.result is None
+    job.close()
+
+
+@pytest.mark.parametrize("ending", ["unregister", "load"])
+def test_a_running_job_ends_with_the_extension_or_the_file(context, part, ending):
+    module = part("operators.job")
+    job = module.JobOperator.current = module.Job("Test", endless)
+    job.start(context)
+    wait_for(lambda: job.fraction > 0)
+    if ending == "load":
+        assert any(h.__name__ == "_on_load" for h in bpy.app.handlers.load_pre)
+        bpy.ops.wm.read_homefile(use_empty=True)
+    else:
+        module.close_current()
+    assert module.JobOperator.current is None
+    assert job.closed and not threads() and context.timers == 0
+
+
+def test_one_job_at_a_time(empty, context, part):
+    module = part("operators.job")
+    assert bpy.ops.femors.morph.poll()
+    assert not bpy.ops.femors.cancel.poll()
+    job = module.JobOperator.current = module.Job("Test", endless)
+    job.start(context)
+    try:
+        with pytest.raises(RuntimeError, match="job is running"):
+            bpy.ops.femors.morph(source="a", target="b")
+        assert bpy.ops.femors.cancel() == {"FINISHED"}
+        wait_for(lambda: not job.alive)
+    finally:
+        module.close_current()
+
+
+def test_unexpected_errors_are_one_line_with_the_traceback_on_the_console(pair, part, monkeypatch, capfd):
+    core = part("femors_addon.morph")
+
+    def broken(*args, **options):
+        raise KeyError("something of ours")
+
+    monkeypatch.setattr(core, "morph", broken)
+    with pytest.raises(RuntimeError, match=r"^Error: FEMORS failed unexpectedly \(KeyError") as caught:
+        bpy.ops.femors.morph(source="Femur", target="Scan")
+    assert str(caught.value).strip().count("\n") == 0
+    assert "Traceback" in capfd.readouterr().err
+
+
+def test_too_little_memory_is_one_line(pair, part, monkeypatch):
+    def huge(*args, **options):
+        raise MemoryError
+
+    monkeypatch.setattr(part("femors_addon.morph"), "morph", huge)
+    with pytest.raises(RuntimeError, match="Not enough memory"):
+        bpy.ops.femors.morph(source="Femur", target="Scan")

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Switching the extension on and off, and its properties against the core's settings."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+
+PACKAGE = "bl_ext.dev.femors"
+
+
+def registered() -> set[str]:
+    """Everything of FEMORS that Blender knows."""
+    kinds = (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup, bpy.types.UIList, bpy.types.Menu)
+    names = {cls.__name__ for kind in kinds for cls in kind.__subclasses__() if cls.is_registered}
+    found = {name for name in names if name.startswith("FEMORS")}
+    found |= {f"ops.{name}" for name in dir(bpy.ops.femors)}
+    found |= {f"{t.__name__}.femors" for t in (bpy.types.Scene, bpy.types.Object) if hasattr(t, "femors")}
+    for name in dir(bpy.app.handlers):
+        handlers = getattr(bpy.app.handlers, name)
+        if isinstance(handlers, list):
+            found |= {f"{name}: {h.__module__}" for h in handlers if h.__module__.startswith(PACKAGE)}
+    return found
+
+
+def test_switching_off_and_on_leaves_nothing_behind(extension, part):
+    command = part("operators.command").Command
+    before = registered()
+    assert {"FEMORS_OT_morph", "FEMORS_PT_morph", "Scene.femors", "ops.morph"} <= before
+    assert command.handle is not None
+    extension.unregister()
+    assert registered() == set()
+    assert command.handle is None
+    extension.register()
+    assert registered() == before
+    extension.unregister()
+    extension.register()
+    assert registered() == before
+
+
+def test_enabling_does_not_import_scipy(tmp_path):
+    if not getattr(bpy.app, "module", False):
+        pytest.skip("needs a Python of its own; tests/window looks at this in the binary")
+    code = (
+        "import sys; sys.path.insert(0, 'tests/blender'); import conftest; conftest._enable(); "
+        "import bpy; assert bpy.ops.femors.morph.poll(); "
+        "bad = [m for m in ('scipy', 'fast_simplification') if m in sys.modules]; conftest._disable(); "
+        "print('imported', bad)"
+    )
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert "imported []" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("holder", ["operator", "form"])
+def test_properties_say_what_the_settings_say(part, holder):
+    settings = part("femors_addon.settings")
+    morph_settings = part("femors_addon.morph_settings")
+    kind = bpy.ops.femors.morph.get_rna_type() if holder == "operator" else bpy.types.Scene.bl_rna
+    properties = kind.properties if holder == "operator" else bpy.context.scene.femors.bl_rna.properties
+    for name, (field, spec) in settings.specs(morph_settings.MorphSettings).items():
+        shown = properties[name]
+        assert (shown.name, shown.description) == (spec.label, spec.help)
+        if spec.choices:
+            assert tuple((i.identifier, i.name, i.description) for i in shown.enum_items) == spec.choices
+            assert shown.default == field.default
+            continue
+        assert shown.default == pytest.approx(field.default, rel=1e-6)
+        if spec.minimum is not None:
+            assert shown.hard_min == pytest.approx(spec.minimum, rel=1e-6)
+        if spec.maximum is not None:
+            assert shown.hard_max == pytest.approx(spec.maximum, rel=1e-6)
+
+
+def test_all_arguments_are_explained(extension):
+    for name in (n for n in dir(bpy.ops.femors) if not n.startswith("_")):
+        kind = getattr(bpy.ops.femors, name).get_rna_type()
+        assert kind.description, name
+        for key, item in kind.properties.items():
+            assert key == "rna_type" or item.description, f"{name}.{key}"
+
+
+def test_presets_answer_no_question_about_the_data(part):
+    """The panel keeps what was said of the data when a preset is chosen, so presets must not differ there."""
+    settings, module = part("femors_addon.settings"), part("femors_addon.morph_settings")
+    for name, (_, spec) in settings.specs(module.MorphSettings).items():
+        if not spec.advanced and name != "preset":
+            assert len({getattr(preset, name) for preset in module.PRESETS.values()}) == 1, name
+
+
+def test_choosing_a_preset_fills_the_form(empty, part):
+    module, props = part("femors_addon.morph_settings"), part("operators.props")
+    form = bpy.context.scene.femors
+    form.alignment = "rigid"
+    for name in module.PRESETS:
+        form.preset = name
+        assert props.changed_from_preset(form, module.MorphSettings, module.PRESETS) == []
+    assert form.alignment == "rigid"
+    form.spread_end = 3.25
+    assert props.changed_from_preset(form, module.MorphSettings, module.PRESETS) == ["spread_end"]
+    bpy.ops.femors.reset_preset()
+    assert props.changed_from_preset(form, module.MorphSettings, module.PRESETS) == []
+
+
+class Call:
+    """Stands in for an operator's properties: values, of which some were given by the caller."""
+
+    def __init__(self, defaults, **given):
+        self.__dict__.update(dataclasses.asdict(defaults) | given)
+        self.given = set(given)
+
+    def is_property_set(self, name):
+        return name in self.given
+
+
+def test_a_preset_holds_except_for_what_the_caller_gives(part):
+    module, props = part("femors_addon.morph_settings"), part("operators.props")
+    call = Call(module.MorphSettings(), preset="published", spread_start=8.0, step_scale=0.949999988079071)
+    read = props.read_settings(call, module.MorphSettings, module.PRESETS)
+    assert read == dataclasses.replace(module.PRESETS["published"], spread_start=8.0, step_scale=0.95)
+
+
+def test_numbers_come_out_of_single_precision_as_they_were_typed(part):
+    import numpy as np
+
+    exact = part("operators.props").exact
+    for value in (0.95, 1e-4, 0.0, 12.5, 0.333333, 1234.56, 2e-7):
+        assert exact(float(np.float32(value))) == value
+
+
+def test_a_missing_package_is_a_sentence(empty, part, monkeypatch):
+    dependencies, command = part("operators.dependencies"), part("operators.command")
+    progress = part("femors_addon.progress")
+    monkeypatch.setitem(dependencies.NEEDED, "no_such_package", "NoSuch")
+    dependencies.missing.cache_clear()
+    try:
+        assert dependencies.missing().startswith("NoSuch not found")
+        with pytest.raises(progress.FemorsError, match="NoSuch not found"):
+            dependencies.require()
+        assert not bpy.ops.femors.morph.poll()
+        with pytest.raises(RuntimeError, match="NoSuch not found"):
+            bpy.ops.femors.morph(source="a", target="b")
+        assert command.run(["morph"]) == 2
+    finally:
+        dependencies.missing.cache_clear()
+
+
+def test_a_package_that_cannot_be_loaded_is_a_sentence(extension, part, monkeypatch):
+    dependencies, progress = part("operators.dependencies"), part("femors_addon.progress")
+
+    def clash(name):
+        raise ValueError("numpy.dtype size changed,\n may indicate binary incompatibility")
+
+    monkeypatch.setattr(dependencies.importlib, "import_module", clash)
+    with pytest.raises(progress.FemorsError) as caught:
+        dependencies.require()
+    assert "numpy.dtype size changed" in str(caught.value)
+    assert "\n" not in str(caught.value)

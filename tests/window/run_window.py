@@ -1,0 +1,107 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Run ``story.py`` in a real Blender window under Xvfb.
+
+    run-trixie python3 tests/window/run_window.py [--out DIR] [--site DIR] [--blender blender]
+
+Needs Xvfb, xdotool and scrot beside Blender (`run-trixie` of get-blender.sh has them). ``--site``
+is the folder with SciPy and fast-simplification for that Blender's Python. Screenshots, Blender's
+output and ``result.json`` are written to ``--out``. Exit code 0 when every step held.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+SIZE = (1280, 800)
+
+
+def start_display() -> tuple[subprocess.Popen, str]:
+    """Start an X server on a free display; return it and the display's name."""
+    read, write = os.pipe()
+    command = [
+        "Xvfb",
+        "-displayfd",
+        str(write),
+        "-screen",
+        "0",
+        f"{SIZE[0]}x{SIZE[1]}x24",
+        "-nolisten",
+        "tcp",
+    ]
+    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        number = pipe.readline().strip()
+    if not number:
+        raise SystemExit("Xvfb did not start")
+    return server, f":{number}"
+
+
+def run(out: Path, site: str, blender: str, limit: float) -> int:
+    """Run the story; return 0 when it held to its end and Blender quit by itself."""
+    out.mkdir(parents=True, exist_ok=True)
+    result = out / "result.json"
+    result.unlink(missing_ok=True)
+    server, display = start_display()
+    with (
+        tempfile.TemporaryDirectory(prefix="femors_window_") as resources,
+        open(out / "blender.log", "w") as log,
+    ):
+        environment = os.environ | {
+            "DISPLAY": display,
+            "BLENDER_USER_RESOURCES": resources,
+            "FEMORS_SITE": site,
+            "FEMORS_WINDOW_OUT": str(out.resolve()),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+        command = [blender, "--factory-startup", "--window-geometry", "0", "0", *map(str, SIZE)]
+        command += ["--python", str(HERE / "story.py")]
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
+        try:
+            code = process.wait(limit)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            code = f"none after {limit:.0f} s"
+        finally:
+            server.terminate()
+            server.wait()
+    seen = (
+        json.loads(result.read_text()) if result.exists() else {"error": "Blender ended before the story did"}
+    )
+    print(json.dumps(seen, indent=1))
+    if seen.get("error") or code != 0:
+        print(
+            f"failed: {seen.get('error')}; Blender's exit code: {code}; see {out}/blender.log",
+            file=sys.stderr,
+        )
+        return 1
+    print(f"held; screenshots in {out}")
+    return 0
+
+
+def main() -> int:
+    """Read the arguments and run."""
+    parser = argparse.ArgumentParser(description="A morph in a real Blender window, with screenshots")
+    parser.add_argument("--out", type=Path, default=Path("demo_output/window"))
+    parser.add_argument("--site", default=os.environ.get("FEMORS_SITE", ""))
+    parser.add_argument("--blender", default="blender")
+    parser.add_argument("--limit", type=float, default=900.0, help="seconds for the whole run")
+    options = parser.parse_args()
+    start = time.monotonic()
+    code = run(options.out, options.site, options.blender, options.limit)
+    print(f"{time.monotonic() - start:.0f} s")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

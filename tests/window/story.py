@@ -1,0 +1,405 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inside a windowed Blender: a morph as a person does it, asserted on state, with screenshots.
+
+Started by ``run_window.py``. The steps are generators that yield while they wait; a timer carries
+them on, so that Blender stays in charge in between, as it is with a person.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+HERE = Path(__file__).resolve().parent
+OUT = Path(os.environ["FEMORS_WINDOW_OUT"])
+PACKAGE = "bl_ext.dev.femors"
+LIMIT = 120.0
+"""Seconds that any one thing may take to happen."""
+
+if os.environ.get("FEMORS_SITE"):
+    sys.path.append(os.environ["FEMORS_SITE"])
+
+Steps = Iterator[None]
+SIZE = 30000
+"""Vertices of the bones: enough work to watch and to cancel."""
+
+seen: dict[str, Any] = {"steps": []}
+
+
+# --- hands and eyes ---------------------------------------------------------------------------
+def check(truth: object, message: str) -> None:
+    """Fail the run with a sentence."""
+    if not truth:
+        raise AssertionError(message)
+
+
+def wait(what: str, condition: Callable[[], object], limit: float = LIMIT) -> Steps:
+    """Let Blender run until the condition holds."""
+    start = time.monotonic()
+    while not condition():
+        check(time.monotonic() - start < limit, f"waited {limit:.0f} s in vain: {what}")
+        yield
+
+
+def pause(seconds: float) -> Steps:
+    """Let Blender draw."""
+    start = time.monotonic()
+    while time.monotonic() - start < seconds:
+        yield
+
+
+def shot(name: str) -> Steps:
+    """Write a screenshot."""
+    for area in bpy.context.window_manager.windows[0].screen.areas:
+        area.tag_redraw()
+    yield from pause(0.8)
+    subprocess.run(["scrot", "--overwrite", str(OUT / f"{name}.png")], check=True)
+
+
+def press(key: str) -> None:
+    """Press a key with the mouse over the 3D view, through the X server."""
+    listed = subprocess.run(
+        ["xdotool", "search", "--onlyvisible", "--name", "Blender"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    check(listed.stdout.split(), f"xdotool found no window: {listed.stderr}")
+    window = listed.stdout.split()[0]
+    subprocess.run(["xdotool", "mousemove", "500", "400", "windowfocus", window, "key", key], check=True)
+
+
+def view(window: Any = None) -> dict[str, Any]:
+    """Return the context of a window's 3D view and its sidebar."""
+    window = window or bpy.context.window_manager.windows[0]
+    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
+    return {"window": window, "area": area, "region": next(r for r in area.regions if r.type == "UI")}
+
+
+def call(operator: Any, how: str = "EXEC_DEFAULT", window: Any = None, **options: Any) -> set[str]:
+    """Call an operator as a button in the sidebar does, with an undo step of its own."""
+    with bpy.context.temp_override(**view(window)):
+        return operator(how, True, **options)
+
+
+def job() -> Any:
+    """Return the running job, or None."""
+    return importlib.import_module(f"{PACKAGE}.operators.job").JobOperator.current
+
+
+def quiet() -> bool:
+    """Whether no job and no worker thread is left."""
+    return job() is None and not any(t.name == "FEMORS job" for t in threading.enumerate())
+
+
+def start(window: Any = None) -> Steps:
+    """Press Morph and wait for the first word of progress."""
+    result = call(bpy.ops.femors.morph, "INVOKE_DEFAULT", window)
+    check(result == {"RUNNING_MODAL"}, f"the button gave {result}")
+    running = job()
+    check(running is not None, "no job is running")
+    yield from wait("first progress", lambda: running.fraction > 0)
+
+
+def scene_state() -> tuple[Any, ...]:
+    """Return what must not change: objects, meshes, and the coordinates of the source."""
+    mesh = bpy.data.objects["Femur"].data
+    positions = [0.0] * (3 * len(mesh.vertices))
+    mesh.vertices.foreach_get("co", positions)
+    return sorted(bpy.data.objects.keys()), len(bpy.data.meshes), positions
+
+
+def show_panel() -> Steps:
+    """Open the sidebar at the tab FEMORS."""
+    context = view()
+    space = context["area"].spaces.active
+    space.show_region_ui = True
+    yield from pause(0.5)
+    context["region"].active_panel_category = "FEMORS"
+    yield from pause(0.5)
+
+
+# --- the story --------------------------------------------------------------------------------
+def enable() -> Steps:
+    """Switch the extension on; doing so must not import SciPy."""
+    import addon_utils
+
+    if PACKAGE not in sys.modules:
+        folder = Path(os.environ["BLENDER_USER_RESOURCES"]) / "extensions_dev"
+        folder.mkdir()
+        (folder / "femors").symlink_to(HERE.parents[1])
+        bpy.context.preferences.extensions.repos.new(name="dev", module="dev", custom_directory=str(folder))
+    begin = time.perf_counter()
+    check(addon_utils.enable(PACKAGE, default_set=True), "the extension could not be enabled")
+    seen.setdefault("enable_ms", round(1000 * (time.perf_counter() - begin), 1))
+    listen()
+    yield
+
+
+def listen() -> None:
+    """Keep what the morph reports to the user."""
+    operator = importlib.import_module(f"{PACKAGE}.operators.job").JobOperator
+
+    def tell(self: Any, level: str, line: str) -> None:
+        seen.setdefault("reports", []).append(f"{level}: {line}")
+        self.report({level}, line)
+
+    operator.tell = tell
+
+
+def shapes() -> Steps:
+    """Two bones side by side, and the panel without anything picked."""
+    check("scipy" not in sys.modules, "enabling the extension imported SciPy")
+    for item in list(bpy.data.objects):
+        bpy.data.objects.remove(item)
+    make_shapes()
+    with bpy.context.temp_override(**(view() | {"region": view()["area"].regions[-1]})):
+        bpy.ops.view3d.view_all()
+    yield from show_panel()
+    yield from shot("1_panel")
+
+
+def make_shapes() -> None:
+    """Make the source "Femur" and the target "Scan" from the core's own shapes."""
+    core = importlib.import_module(f"{PACKAGE}.femors_addon.shapes")
+    pair = core.pair(SIZE, SIZE, posed=True, length=4.0)
+    for name, surface in (("Femur", pair.source), ("Scan", pair.target)):
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata(surface.vertices.tolist(), [], surface.faces.tolist())
+        item = bpy.data.objects.new(name, mesh)
+        bpy.context.scene.collection.objects.link(item)
+
+
+def pick() -> Steps:
+    """Fill the pickers from the selection."""
+    source, target = bpy.data.objects["Femur"], bpy.data.objects["Scan"]
+    check(not call_poll(), "the button must be disabled while nothing is picked")
+    for item in (source, target):
+        item.select_set(True)
+    bpy.context.view_layer.objects.active = source
+    call(bpy.ops.femors.pick_selection)
+    form = bpy.context.scene.femors
+    check((form.source, form.target) == (source, target), "the pickers were not filled from the selection")
+    check(call_poll(), "the button must be enabled when both are picked")
+    yield from shot("2_picked")
+
+
+def call_poll() -> bool:
+    """Whether the panel would enable its button."""
+    morph = importlib.import_module(f"{PACKAGE}.operators.morph")
+    return not morph.form_gap(bpy.context.scene.femors)
+
+
+def cancel() -> Steps:
+    """Start, watch it progress, press Esc: nothing has changed."""
+    before = scene_state()
+    yield from start()
+    running = job()
+    fractions, texts, last, gap = set(), set(), time.monotonic(), 0.0
+    while len(fractions) < 5 and running.alive:
+        fractions.add(running.fraction)
+        texts.add(running.text)
+        now = time.monotonic()
+        gap, last = max(gap, now - last), now
+        yield
+    seen["progress_texts"] = sorted(texts)
+    seen["longest_stall_s"] = round(gap, 3)
+    check(len(fractions) >= 3, f"the progress did not move: {fractions}")
+    yield from shot("3_running")
+    check(
+        job() is running and running.alive,
+        "the job ended before it could be cancelled: make the shapes larger",
+    )
+    press("Escape")
+    begin = time.monotonic()
+    yield from wait("Esc to end the job", quiet)
+    seen["cancel_s"] = round(time.monotonic() - begin, 2)
+    check(scene_state() == before, "a cancelled job changed the scene")
+    yield from shot("4_cancelled")
+
+
+def finish() -> Steps:
+    """Run to the end: one new object, selected, with figures."""
+    names, _, positions = scene_state()
+    yield from start()
+    yield from wait("the morph to finish", quiet)
+    after = scene_state()
+    check(len(after[0]) == len(names) + 1 and after[2] == positions, f"objects now: {after[0]}")
+    item = bpy.context.view_layer.objects.active
+    check(item.name == "Femur morphed to Scan" and item.select_get(), f"the active object is {item.name}")
+    check(item.femors.report, "the result has no figures")
+    seen["report"] = {k: json.loads(item.femors.report).get(k) for k in ("stop_reason", "warnings")}
+    yield from shot("5_figures")
+
+
+def undo() -> Steps:
+    """One undo takes the result away, one redo brings it back."""
+    names = scene_state()[0]
+    call(bpy.ops.ed.undo)
+    yield from pause(0.3)
+    check(
+        scene_state()[0] == [n for n in names if n != "Femur morphed to Scan"],
+        f"after undo: {scene_state()[0]}",
+    )
+    form = bpy.context.scene.femors
+    check(form.source and form.target, "undo emptied the form: it went back too far")
+    yield from shot("6_undone")
+    call(bpy.ops.ed.redo)
+    yield from pause(0.3)
+    check(scene_state()[0] == names, f"after redo: {scene_state()[0]}")
+    bpy.data.objects.remove(bpy.data.objects["Femur morphed to Scan"])
+    call(bpy.ops.ed.undo_push, message="tidy")
+
+
+def advanced() -> Steps:
+    """Look at the Advanced panel."""
+    form = bpy.context.scene.femors
+    form.preset = "published"
+    check(form.correspondence == "nearest", "choosing a preset did not fill the form")
+    closed = importlib.import_module(f"{PACKAGE}.ui.panels").FEMORS_PT_morph_advanced
+    # a panel cannot be opened by a script: the same one, open by default, stands in for the picture
+    opened = type("FEMORS_PT_open", (closed,), {"bl_idname": "FEMORS_PT_open", "bl_options": set()})
+    bpy.utils.unregister_class(closed)
+    bpy.utils.register_class(opened)
+    yield from show_panel()
+    yield from shot("7_advanced")
+    bpy.utils.unregister_class(opened)
+    bpy.utils.register_class(closed)
+    form.preset = "standard"
+
+
+def usable() -> Steps:
+    """Work on while the job runs: Edit Mode on the source, and back; the result then arrives."""
+    before = scene_state()
+    yield from start()
+    running = job()
+    bpy.context.view_layer.objects.active = bpy.data.objects["Femur"]
+    call(bpy.ops.object.mode_set, mode="EDIT")
+    yield from wait("the computation", lambda: not running.alive)
+    yield from pause(0.5)
+    check(job() is running, "the result was written in Edit Mode")
+    call(bpy.ops.object.mode_set, mode="OBJECT")
+    yield from wait("the result", quiet)
+    check(len(scene_state()[0]) == len(before[0]) + 1, "no result after Edit Mode")
+    bpy.data.objects.remove(bpy.context.view_layer.objects.active)
+
+
+def deleted() -> Steps:
+    """Delete the target while the job runs: nothing is written, nothing is left."""
+    copy = bpy.data.objects["Scan"].copy()
+    copy.name = "Scan copy"
+    bpy.context.scene.collection.objects.link(copy)
+    form = bpy.context.scene.femors
+    kept, form.target = form.target, copy
+    yield from start()
+    with bpy.context.temp_override(**view(), selected_objects=[copy]):
+        bpy.ops.object.delete()
+    check(not copy.users_scene, "the target was not deleted")
+    names = scene_state()[0]
+    yield from wait("the end", quiet)
+    check(scene_state()[0] == names, "a result appeared for a deleted target")
+    check("'Scan copy' was deleted" in seen["reports"][-1], f"the report says: {seen['reports'][-1]}")
+    form.target = kept
+
+
+def second_window() -> Steps:
+    """Start in a second window and close it."""
+    call(bpy.ops.wm.window_new_main)
+    yield from pause(1.0)
+    window = bpy.context.window_manager.windows[-1]
+    yield from start(window)
+    with bpy.context.temp_override(window=window):
+        bpy.ops.wm.window_close()
+    yield from wait("the job to end with its window", quiet, 20)
+    check(call(bpy.ops.femors.reset_preset) == {"FINISHED"}, "operators no longer work")
+
+
+def switched_off() -> Steps:
+    """Switch the extension off while a job runs, and on again."""
+    import addon_utils
+
+    yield from start()
+    addon_utils.disable(PACKAGE, default_set=True)
+    check(quiet(), "the job outlived the extension")
+    check(not hasattr(bpy.types.Scene, "femors"), "Scene.femors is still there")
+    yield from pause(0.5)
+    yield from enable()
+    yield from show_panel()
+
+
+def other_file() -> Steps:
+    """Load another file while a job runs."""
+    yield from start()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    check(quiet(), "the job outlived its file")
+    yield from pause(0.5)
+    make_shapes()
+    form = bpy.context.scene.femors
+    form.source, form.target = bpy.data.objects["Femur"], bpy.data.objects["Scan"]
+    yield from pause(0.5)
+
+
+def quitting() -> Steps:
+    """Quit Blender while a job runs; run_window.py sees whether it ends."""
+    yield from start()
+
+
+STORY = (
+    enable,
+    shapes,
+    pick,
+    cancel,
+    finish,
+    undo,
+    advanced,
+    usable,
+    deleted,
+    second_window,
+    switched_off,
+    other_file,
+    quitting,
+)
+
+
+def whole() -> Steps:
+    """All steps, one after the other."""
+    yield from pause(1.0)
+    for step in STORY:
+        print(f"window: {step.__name__}", flush=True)
+        begin = time.monotonic()
+        yield from step()
+        seen["steps"].append([step.__name__, round(time.monotonic() - begin, 1)])
+
+
+run = whole()
+
+
+def tick() -> float | None:
+    """Carry the story on; at its end, or at a failure, write what was seen and quit."""
+    try:
+        next(run)
+        return 0.05
+    except StopIteration:
+        pass
+    except Exception as error:
+        traceback.print_exc()
+        seen["error"] = f"{type(error).__name__}: {error}"
+    (OUT / "result.json").write_text(json.dumps(seen, indent=1))
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+bpy.context.preferences.view.show_splash = False
+bpy.context.preferences.view.use_save_prompt = False
+bpy.app.timers.register(tick, first_interval=1.0, persistent=True)

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panels of the sidebar tab FEMORS; they draw, and name operators by their bl_idname."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, ClassVar
+
+import bpy
+
+from ..femors_addon.morph_settings import PRESETS, MorphSettings
+from ..femors_addon.settings import specs
+from ..operators import dependencies
+from ..operators.job import Job, JobOperator
+from ..operators.props import changed_from_preset
+from .figures import draw_figures, draw_sentence, parsed
+
+
+class FemorsPanel:
+    """Where all panels of FEMORS stand."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FEMORS"
+
+
+class FEMORS_PT_morph(FemorsPanel, bpy.types.Panel):
+    """Pickers, what matters, and one large button."""
+
+    bl_idname = "FEMORS_PT_morph"
+    bl_label = "Morph"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the form, or the running job."""
+        layout = self.layout
+        form = context.scene.femors
+        sentence = dependencies.missing()
+        if sentence:
+            draw_sentence(layout, context, sentence, "ERROR")
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.enabled = JobOperator.current is None
+        draw_pickers(column, form)
+        draw_options(column, form)
+        if JobOperator.current is not None:
+            draw_job(layout, JobOperator.current)
+            return
+        button = layout.column()
+        button.scale_y = 1.6
+        button.context_pointer_set("femors_form", form)
+        button.operator("femors.morph", text="Morph", icon="MOD_SHRINKWRAP")
+
+
+class FEMORS_PT_morph_advanced(FemorsPanel, bpy.types.Panel):
+    """Everything that has a good default."""
+
+    bl_idname = "FEMORS_PT_morph_advanced"
+    bl_parent_id = "FEMORS_PT_morph"
+    bl_label = "Advanced"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the advanced settings in their order."""
+        layout = self.layout
+        form = context.scene.femors
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.enabled = JobOperator.current is None
+        column = layout.column()
+        if form.source is not None:
+            column.prop_search(form, "vertex_group", form.source, "vertex_groups")
+        column.prop(form, "use_evaluated")
+        column.prop(form, "use_landmarks")
+        layout.separator(factor=0.5)
+        changed = changed_from_preset(form, MorphSettings, PRESETS)
+        column = layout.column(align=True)
+        for name, (_, spec) in specs(MorphSettings).items():
+            if spec.advanced:
+                # more room for the words than a property split gives
+                row = column.split(factor=0.54)
+                row.active = not name.startswith("normal_") or form.correspondence == "nearest"
+                label = row.row()
+                label.alignment = "RIGHT"
+                label.label(text=spec.label)
+                row.prop(form, name, text="")
+        if changed:
+            row = layout.row()
+            preset = form.bl_rna.properties["preset"].enum_items[form.preset].name
+            row.label(text=f"{len(changed)} changed from {preset}")
+            row.operator("femors.reset_preset", text="", icon="LOOP_BACK")
+
+
+class FEMORS_PT_morph_figures(FemorsPanel, bpy.types.Panel):
+    """The figures of the morph that made the active object's shape."""
+
+    bl_idname = "FEMORS_PT_morph_figures"
+    bl_parent_id = "FEMORS_PT_morph"
+    bl_label = "Figures"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The active object must come from a morph."""
+        item = context.object
+        return item is not None and bool(item.femors.report) and JobOperator.current is None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the table."""
+        draw_figures(self.layout, parsed(context.object.femors.report), context)
+
+
+def draw_pickers(layout: bpy.types.UILayout, form: Any) -> None:
+    """Draw source and target, and the button that fills them."""
+    column = layout.column(align=True)
+    column.prop(form, "source", icon="MESH_DATA")
+    column.prop(form, "target", icon="MESH_DATA")
+    row = layout.row()
+    row.use_property_split = False
+    row.operator("femors.pick_selection", text="Pick from Selection", icon="RESTRICT_SELECT_OFF")
+
+
+def draw_options(layout: bpy.types.UILayout, form: Any) -> None:
+    """Draw the settings that a user should think of, and where the result goes."""
+    simple = [name for name, (_, spec) in specs(MorphSettings).items() if not spec.advanced]
+    ticks = [name for name in simple if isinstance(getattr(form, name), bool)]
+    column = layout.column(align=True)
+    for name in simple:
+        if name not in ticks:
+            column.prop(form, name)
+    column = layout.column(align=True)
+    for name in ticks:
+        column.prop(form, name)
+    layout.prop(form, "result")
+
+
+def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
+    """Draw progress, what is being done, and Cancel."""
+    box = layout.box().column()
+    seconds = int(time.monotonic() - job.started)
+    box.progress(factor=job.fraction, text=f"{job.title}  {job.fraction:.0%}  ({seconds} s)")
+    for line in job.text.split(", "):
+        box.label(text=line)
+    row = box.row()
+    row.scale_y = 1.4
+    row.enabled = not job.cancelling
+    row.operator("femors.cancel", text="Cancelling" if job.cancelling else "Cancel", icon="X")
+
+
+classes = (FEMORS_PT_morph, FEMORS_PT_morph_advanced, FEMORS_PT_morph_figures)
