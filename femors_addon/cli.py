@@ -25,14 +25,16 @@ EXIT_CODES = """exit codes:
   1    the result is written, but the morph did not converge, or the result has flipped
        faces or self-intersections that the source had not; the reason is on stderr
   2    bad input or usage: one line on stderr, nothing is written
+  3    a defect of FEMORS: a traceback to be reported, nothing is written
   130  interrupted (Ctrl-C), nothing is written
 """
 
 
 class Command(NamedTuple):
-    """A subcommand: what it is called, what it does in a line, its options, and its function."""
+    """A subcommand: its name and arguments, what it does in a line, its options, and its function."""
 
     name: str
+    usage: str
     help: str
     options: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace, Console], int]
@@ -90,6 +92,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(
             command.name,
             help=command.help,
+            usage=f"{prog} {command.name} {command.usage}",
             description=command.help,
             epilog=EXIT_CODES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -116,11 +119,13 @@ def version() -> str:
 
 # --- morph ----------------------------------------------------------------------------------------
 def _morph_options(parser: argparse.ArgumentParser) -> None:
-    kinds = "STL, PLY or OBJ file"
-    parser.add_argument("source", metavar="SOURCE", help=f"the mesh to be morphed, a {kinds}")
-    parser.add_argument("target", metavar="TARGET", help=f"the mesh whose shape it takes, a {kinds}")
+    parser.add_argument("source", metavar="SOURCE", help="the mesh to be morphed: STL, PLY or OBJ")
+    parser.add_argument("target", metavar="TARGET", help="the mesh whose shape it takes: STL, PLY or OBJ")
     parser.add_argument(
-        "-o", "--out", metavar="OUT", required=True, help=f"the result, a {kinds}; vertices as in SOURCE"
+        *("-o", "--out"),
+        metavar="OUT",
+        required=True,
+        help="the result, with the vertices and faces of SOURCE",
     )
     parser.add_argument("--report", metavar="R.json", help="settings, history and every figure, as JSON")
     parser.add_argument(
@@ -195,7 +200,15 @@ def _report(args: argparse.Namespace, result: MorphResult, faults: list[str]) ->
     return json.dumps(report, indent=1, allow_nan=False) + "\n"
 
 
-COMMANDS = (Command("morph", "Morph SOURCE into the shape of TARGET.", _morph_options, _morph),)
+COMMANDS = (
+    Command(
+        name="morph",
+        usage="SOURCE TARGET -o OUT [options]",
+        help="Morph SOURCE into the shape of TARGET.",
+        options=_morph_options,
+        run=_morph,
+    ),
+)
 """Every subcommand; a new one is a function for its options, one that runs it, and a line here."""
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[st
         group = advanced if spec.advanced else main
         options: dict[str, Any] = {"help": _help(spec, field.default)}
         if spec.choices:
-            options["choices"] = [choice[0] for choice in spec.choices]
+            options |= {"choices": [choice[0] for choice in spec.choices], "metavar": "KIND"}
         elif kinds[name] is bool:
             options["action"] = argparse.BooleanOptionalAction
         else:
@@ -77,7 +77,8 @@ def _help(spec: Spec, default: Any) -> str:
         notes.insert(0, (low + high).strip())
     if spec.unit == "length":
         notes.insert(0, "a length in the files' unit")
-    text = f"{spec.help} ({', '.join(notes)})"
+    kinds = "".join(f"; {value} = {help}" for value, _, help in spec.choices)
+    text = f"{spec.help}{kinds} ({', '.join(notes)})"
     return text.replace("%", "%%")
 
 
