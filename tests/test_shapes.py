@@ -115,6 +115,15 @@ def test_vertices_lie_on_the_implicit_surface():
         isosurface.meshed(torus, np.full(3, -1.0), np.full(3, 1.0), 500)
 
 
+def test_an_implicit_need_not_be_a_distance():
+    def egg(p):
+        return np.sum((p / (1.0, 1.5, 2.0)) ** 2, axis=1) - 1.0
+
+    surface = isosurface.meshed(egg, np.full(3, -2.2), np.full(3, 2.2), 400)
+    assert_sound(surface)
+    assert np.abs(egg(surface.vertices)).max() < 1e-9
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_any_values_give_a_closed_net(seed):
     # noise: every pattern of signs there is
