@@ -108,14 +108,14 @@ def test_crossings_of_random_triangles_of_all_sizes_match_brute_force(seed):
 
 
 def test_a_sphere_pushed_through_itself_matches_brute_force():
-    ball = sphere(3)
+    ball = sphere(2)
     # a little out of true, so that nothing meets exactly at a corner
     low = ball.vertices + np.random.default_rng(0).normal(0.0, 0.003, ball.vertices.shape)
     top = low[:, 2] > 0.6
     low[top, 2] -= 4.0 * (low[top, 2] - 0.6) ** 0.5  # the cap passes through the bottom
     folded = ball.moved(low)
     pairs = self_intersections(folded)
-    assert len(pairs) > 20
+    assert len(pairs) > 10
     assert (pairs[:, 0] < pairs[:, 1]).all()
     assert as_set(pairs) == {tuple(sorted(pair)) for pair in solved_pairs(folded, folded)}
 
