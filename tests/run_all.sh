@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: GPL-3.0-or-later
 # run_all.sh: what `make test` runs. The core's tests; the Blender tests on the bpy wheel of .venv;
-# the same inside a real `blender -b`, where one is found: $BLENDER, `blender` on PATH, or the one
-# that `make blender` has fetched. The last line says what ran, what it gave, and what was skipped.
+# the same inside a real `blender -b`, and the core's again in its Python and NumPy, where one is found:
+# $BLENDER, `blender` on PATH, or the one that `make blender` has fetched. The last line says what ran, what it gave, and what was skipped.
 #   FEMORS_NEED_BLENDER=1   a missing real Blender is a failure (CI)
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1
@@ -40,9 +40,15 @@ if [ -z "$blender" ]; then
   [ -z "${FEMORS_NEED_BLENDER:-}" ] || failed=1
 elif site=$(tests/prepare_blender.sh "$blender"); then
   version=$("$blender" --version 2>/dev/null </dev/null | head -n 1)
-  stage "blender -b ($version)" env FEMORS_SITE="$site" BLENDER_USER_RESOURCES="$(mktemp -d "$work/real-XXXX")" \
-    "$blender" -b --factory-startup --python-exit-code 1 --python tests/run_in_blender.py -- tests/blender
-  verdict+="nothing left out"
+  inside() {
+    local name=$1
+    shift
+    stage "$name" env FEMORS_SITE="$site" BLENDER_USER_RESOURCES="$(mktemp -d "$work/real-XXXX")" \
+      "$blender" -b --factory-startup --python-exit-code 1 --python tests/run_in_blender.py -- "$@"
+  }
+  inside "blender -b ($version)" tests/blender
+  inside "core in that Blender's Python" tests/test_*.py
+  verdict+="no part was skipped"
 else
   failed=1
   verdict+="blender -b ($blender): FAILED, it could not be prepared"

@@ -160,7 +160,7 @@ def test_interrupted_program_leaves_nothing(tmp_path):
     meshfiles.write(tmp_path / "a.stl", ball(150, 150, (30, 24, 60)))
     meshfiles.write(tmp_path / "b.stl", ball(160, 160, (35, 26, 64)))
     command = [sys.executable, "-m", "femors_addon", "morph", "a.stl", "b.stl", "-o", "out.stl"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     process = subprocess.Popen(
         command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import graphlib
+import os
 import subprocess
 import sys
 import tomllib
@@ -62,7 +63,10 @@ def test_the_command_line_starts_without_blender_and_without_a_word():
     code = (
         "import sys; import femors_addon.cli; sys.exit(any(m in sys.modules for m in ('bpy', 'mathutils')))"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
