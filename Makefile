@@ -29,9 +29,8 @@ test: setup ## core tests, Blender tests on the bpy wheel, and in a real blender
 	@tests/run_all.sh
 
 lint: setup ## ruff and mypy
-	$(VENV)/bin/ruff check .
-	$(VENV)/bin/ruff format --check .
-	$(VENV)/bin/mypy
+	@bad=0; for check in "ruff check ." "ruff format --check ." mypy; do \
+	  echo "$$check"; $(VENV)/bin/$$check || bad=1; done; exit $$bad
 
 format: setup ## let ruff rewrite the layout of the code
 	$(VENV)/bin/ruff format .
