@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import os
+import shutil
 import sys
 import time
 import typing
@@ -125,6 +126,7 @@ class Console:
         tenth, now = int(10 * fraction), time.monotonic()
         line = f"{100 * fraction:3.0f} %  {text}"
         if self.err.isatty():
+            line = line[: shutil.get_terminal_size().columns - 1]  # a line that wraps cannot be rewritten
             if line != self._line:
                 self.err.write("\r" + line.ljust(len(self._line)))
                 self.err.flush()
