@@ -26,6 +26,8 @@ from .props import (
 
 DISTANCE = "femors_surface_distance"
 DISPLACEMENT = "femors_displacement"
+NOTHING = 1e-9
+"""Lengths below this are rounding: shown as 0."""
 
 
 def form_gap(form: Any) -> str:
@@ -135,9 +137,11 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         """Return the report's level and text."""
         after = morphed.after
         distance = after.surface_to_target
+        figures = (distance.median, distance.p99, distance.maximum)
+        median, p99, most = (f"{x:.3g}" if abs(x) > NOTHING else "0" for x in figures)
         line = (
-            f"'{item.name}': distance to '{self._target.name}' median {distance.median:.3g}, "
-            f"99 % {distance.p99:.3g}, max {distance.maximum:.3g}; {morphed.stop_reason}{note}"
+            f"'{item.name}': distance to '{self._target.name}' median {median}, 99 % {p99}, max {most}; "
+            f"{morphed.stop_reason}{note}"
         )
         faults = [*morphed.warnings]
         if after.flipped or after.self_intersecting:

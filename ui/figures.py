@@ -9,6 +9,8 @@ from typing import Any
 
 import bpy
 
+from ..operators.morph import NOTHING
+
 TABLE = (
     ("Source to target", "surface_to_target", ("median", "p99", "maximum")),
     ("Target to source", "target_to_surface", ("median", "p99", "maximum")),
@@ -26,10 +28,12 @@ def parsed(report: str) -> dict[str, Any]:
 
 
 def number(value: float) -> str:
-    """Return three significant digits without an exponent where that is short."""
+    """Return three significant digits, two where there are many zeros; without an exponent if short."""
+    if abs(value) < NOTHING:
+        return "0"
     if abs(value) >= 1000:
         return f"{value:.0f}"
-    return "0" if abs(value) < 1e-9 else f"{value:.3g}" if abs(value) >= 1e-3 else f"{value:.0e}"
+    return f"{value:.3g}" if abs(value) >= 1e-3 else f"{value:.2g}"
 
 
 def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bpy.types.Context) -> None:

@@ -78,7 +78,7 @@ class FEMORS_PT_morph_advanced(FemorsPanel, bpy.types.Panel):
         for name, (_, spec) in specs(MorphSettings).items():
             if spec.advanced:
                 # more room for the words than a property split gives
-                row = column.split(factor=0.54)
+                row = column.split(factor=0.58)
                 row.active = not name.startswith("normal_") or form.correspondence == "nearest"
                 label = row.row()
                 label.alignment = "RIGHT"
@@ -138,8 +138,10 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     box = layout.box().column()
     seconds = int(time.monotonic() - job.started)
     box.progress(factor=job.fraction, text=f"{job.title}  {job.fraction:.0%}  ({seconds} s)")
-    for line in job.text.split(", "):
-        box.label(text=line)
+    words = job.text.split(", ")
+    lines = box.column(align=True)  # always two, or the button below would move under the mouse
+    lines.label(text=", ".join(words[:2]).capitalize())
+    lines.label(text=", ".join(words[2:]))
     row = box.row()
     row.scale_y = 1.4
     row.enabled = not job.cancelling

@@ -6,7 +6,7 @@ from __future__ import annotations
 import atexit
 import importlib
 import os
-import tempfile
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -17,47 +17,20 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGE = "bl_ext.dev.femors"
-FOLDER = tempfile.TemporaryDirectory(prefix="femors_blender_")
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demo"))
 
-# must be set before the bpy wheel is imported; inside a binary the caller has set it
-os.environ.setdefault("BLENDER_USER_RESOURCES", FOLDER.name)
+from checkout import PACKAGE, Checkout
+
+checkout = Checkout()
 bpy = pytest.importorskip("bpy", reason="needs the bpy wheel or a blender binary")
-
-
-def _enable() -> ModuleType:
-    import addon_utils
-
-    repository = Path(FOLDER.name) / "extensions_dev"
-    repository.mkdir(exist_ok=True)
-    link = repository / "femors"
-    if not link.exists():
-        link.symlink_to(ROOT)  # the link's name is the manifest's id
-        bpy.context.preferences.extensions.repos.new(
-            name="dev", module="dev", custom_directory=str(repository)
-        )
-    module = addon_utils.enable(PACKAGE, default_set=True)
-    assert module is not None, "the extension could not be enabled; see the traceback above"
-    return module
-
-
-def _disable() -> None:
-    """A class or callback still registered at exit makes bpy 4.2 crash and 4.5 hang."""
-    import addon_utils
-
-    if PACKAGE in bpy.context.preferences.addons:
-        addon_utils.disable(PACKAGE, default_set=True)
-
-
-atexit.register(_disable)
+atexit.register(checkout.disable)
 
 
 @pytest.fixture(scope="session")
 def extension() -> Iterator[ModuleType]:
     """The enabled extension's root module."""
-    yield _enable()
-    _disable()
+    yield checkout.enable()
+    checkout.disable()
 
 
 @pytest.fixture()

@@ -47,9 +47,11 @@ def test_enabling_does_not_import_scipy(tmp_path):
     if not getattr(bpy.app, "module", False):
         pytest.skip("needs a Python of its own; tests/window looks at this in the binary")
     code = (
-        "import sys; sys.path.insert(0, 'tests/blender'); import conftest; conftest._enable(); "
+        "import sys; sys.path.insert(0, 'tests/blender'); "
+        "import conftest; conftest.checkout.enable(); "
         "import bpy; assert bpy.ops.femors.morph.poll(); "
-        "bad = [m for m in ('scipy', 'fast_simplification') if m in sys.modules]; conftest._disable(); "
+        "bad = [m for m in ('scipy', 'fast_simplification') if m in sys.modules]; "
+        "conftest.checkout.disable(); "
         "print('imported', bad)"
     )
     root = Path(__file__).resolve().parents[2]

@@ -23,13 +23,17 @@ import bpy
 
 HERE = Path(__file__).resolve().parent
 OUT = Path(os.environ["FEMORS_WINDOW_OUT"])
-PACKAGE = "bl_ext.dev.femors"
 LIMIT = 120.0
 """Seconds that any one thing may take to happen."""
 
 if os.environ.get("FEMORS_SITE"):
     sys.path.append(os.environ["FEMORS_SITE"])
 
+sys.path.insert(0, str(HERE.parents[1] / "demo"))
+
+from checkout import PACKAGE, Checkout  # noqa: E402
+
+checkout = Checkout()
 Steps = Iterator[None]
 SIZE = 30000
 """Vertices of the bones: enough work to watch and to cancel."""
@@ -133,15 +137,8 @@ def show_panel() -> Steps:
 # --- the story --------------------------------------------------------------------------------
 def enable() -> Steps:
     """Switch the extension on; doing so must not import SciPy."""
-    import addon_utils
-
-    if PACKAGE not in sys.modules:
-        folder = Path(os.environ["BLENDER_USER_RESOURCES"]) / "extensions_dev"
-        folder.mkdir()
-        (folder / "femors").symlink_to(HERE.parents[1])
-        bpy.context.preferences.extensions.repos.new(name="dev", module="dev", custom_directory=str(folder))
     begin = time.perf_counter()
-    check(addon_utils.enable(PACKAGE, default_set=True), "the extension could not be enabled")
+    checkout.enable()
     seen.setdefault("enable_ms", round(1000 * (time.perf_counter() - begin), 1))
     listen()
     yield
@@ -168,6 +165,11 @@ def shapes() -> Steps:
         bpy.ops.view3d.view_all()
     yield from show_panel()
     yield from shot("1_panel")
+    region = view()["region"]  # what the disabled button says, for the eye only
+    x = region.x + region.width // 2 - 10
+    subprocess.run(["xdotool", "mousemove", str(x), "330", "mousemove", str(x + 2), "336"], check=True)
+    yield from pause(1.5)
+    subprocess.run(["scrot", "--overwrite", str(OUT / "1_tooltip.png")], check=True)
 
 
 def make_shapes() -> None:
@@ -327,10 +329,8 @@ def second_window() -> Steps:
 
 def switched_off() -> Steps:
     """Switch the extension off while a job runs, and on again."""
-    import addon_utils
-
     yield from start()
-    addon_utils.disable(PACKAGE, default_set=True)
+    checkout.disable()
     check(quiet(), "the job outlived the extension")
     check(not hasattr(bpy.types.Scene, "femors"), "Scene.femors is still there")
     yield from pause(0.5)
