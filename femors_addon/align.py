@@ -181,7 +181,11 @@ def _penalised(distance: Float, facing: np.ndarray, partial: str) -> Float:
 
 
 _TURNS = np.array(
-    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
+    [
+        [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
+    ],
     dtype=float,
 )
 _BASES = {
@@ -195,14 +199,15 @@ def _step(pairs: _Pairs, kind: str) -> Float:
     """Small transform (4, 4) that lessens the pairs' distances, by linear least squares."""
     basis = _BASES[kind]
     centre = pairs.x.mean(axis=0)
-    scale = max(float(np.abs(pairs.x - centre).max()), np.finfo(float).tiny)
+    scale = max(float(np.abs(pairs.x - centre).max()), 1e-300)
     local = (pairs.x - centre) / scale
     moves = np.einsum("kab,pb->pka", basis, local)
     moves = np.concatenate((moves, np.broadcast_to(np.eye(3), (len(local), 3, 3))), axis=1)
     gap = (pairs.y - pairs.x) / scale
     along = np.einsum("pka,pa->pk", moves, pairs.n)
-    system = along.T @ along + POINT_SHARE * np.einsum("pka,pla->kl", moves, moves)
-    right = along.T @ np.einsum("pa,pa->p", gap, pairs.n) + POINT_SHARE * np.einsum("pka,pa->k", moves, gap)
+    flat = moves.transpose(0, 2, 1).reshape(-1, moves.shape[1])
+    system = along.T @ along + POINT_SHARE * (flat.T @ flat)
+    right = along.T @ np.einsum("pa,pa->p", gap, pairs.n) + POINT_SHARE * (flat.T @ gap.ravel())
     system[np.diag_indices_from(system)] += 1e-12 * np.trace(system)
     theta = np.linalg.solve(system, right)
     linear = np.einsum("k,kab->ab", theta[:-3], basis)
@@ -311,10 +316,10 @@ def _best_start(
     # the user's pose and the four flips always get their chance
     always = list(range(min(5, len(starts)))) if partial == "none" else [0]
     chosen = dict.fromkeys(always + [int(i) for i in np.argsort(first, kind="stable")[:REFINED_STARTS]])
-    tried = [icp(starts[i], scouts, aims, "rigid", partial, 25, tolerance * 100) for i in chosen]
+    tried = [icp(starts[i], scouts, aims, "rigid", partial, 25, tolerance * 10) for i in chosen]
     ranked = sorted(range(len(tried)), key=lambda i: tried[i][1])[:3]
     loose = kind if partial == "none" else "rigid"
-    final = [icp(tried[i][0], scouts, aims, loose, partial, 25, tolerance * 100) for i in ranked]
+    final = [icp(tried[i][0], scouts, aims, loose, partial, 25, tolerance * 10) for i in ranked]
     return min(final, key=lambda found: found[1])
 
 
@@ -370,7 +375,7 @@ def align(
     start = canonical @ start
     scaled = source.moved(transformed(start, source.vertices))
     ours, theirs = _Side.of(scaled, SAMPLE), _Side.of(target, SAMPLE)
-    tolerance = 1e-6 * target.diagonal
+    tolerance = 1e-5 * target.diagonal
     if landmarks is not None:
         points = transformed(start, landmarks[0])
         first = landmark_transform(points, landmarks[1], "rigid" if kind == "rigid" else "similarity")

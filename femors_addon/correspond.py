@@ -16,6 +16,7 @@ from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import Progress, silent
 
+LONGEST = 0.6  # spreads that one iteration may move a node
 FACING = 0.3  # cosine that the normals of a pair must have, at least
 
 
@@ -87,6 +88,13 @@ def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: 
         centres.append(source.vertices)
         vectors.append(target.vertices[hit] - source.vertices)
     return Vectors(np.concatenate(centres), np.concatenate(vectors))
+
+
+def shortened(displacements: Float, spread: float) -> Float:
+    """Limit displacements (k, 3) to `LONGEST` spreads: what differs more over a spread folds space."""
+    length = np.linalg.norm(displacements, axis=1, keepdims=True)
+    limit = LONGEST * spread
+    return displacements * np.where(length > limit, limit / np.maximum(length, limit), 1.0)
 
 
 def interpolated_normals(surface: Surface, face: np.ndarray, barycentric: Float) -> Float:

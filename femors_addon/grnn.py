@@ -214,13 +214,13 @@ class _Cells:
         size = max(size, float(np.ptp(centres, axis=0).max()) / 1e5)
         while True:
             cell = np.floor((centres - low) / size).astype(np.int64) + 1
-            shape = tuple(int(n) for n in cell.max(axis=0) + 2)
-            keys = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+            nx, ny, nz = (int(n) for n in cell.max(axis=0) + 2)
+            keys = (cell[:, 0] * ny + cell[:, 1]) * nz + cell[:, 2]
             order = np.argsort(keys, kind="stable")
             keys = keys[order]
             # a cell costs a few calls: fewer, fuller cells are cheaper where the spread is tiny
             if np.count_nonzero(np.diff(keys)) * CELL_FILL < len(keys):
-                return cls(size, low, shape, keys, order)
+                return cls(size, low, (nx, ny, nz), keys, order)
             size *= 1.5
 
     @cached_property
@@ -279,7 +279,8 @@ class _Grid:
         extent = np.maximum((high - low) / step, 1.0)
         if float(np.prod(extent + 4)) > GRID_CELLS:
             return None
-        return cls(low, step, tuple(int(n) + 4 for n in extent), sigma / step)
+        nx, ny, nz = (int(n) + 4 for n in extent)
+        return cls(low, step, (nx, ny, nz), sigma / step)
 
     @property
     def cost(self) -> float:
@@ -324,7 +325,9 @@ class _Grid:
         ) / (6.0)
         offset = np.arange(-1, 3)
         x, y, z = (base[:, axis, None] + offset for axis in range(3))
-        index = ((x[:, :, None] * self.shape[1] + y[:, None, :])[..., None] * self.shape[2]) + z[:, None, None, :]
+        index = ((x[:, :, None] * self.shape[1] + y[:, None, :])[..., None] * self.shape[2]) + z[
+            :, None, None, :
+        ]
         weights = spline[:, :, None, None, 0] * spline[:, None, :, None, 1] * spline[:, None, None, :, 2]
         weights *= inside[:, None, None, None]
         return index.reshape(len(points), 64), weights.reshape(len(points), 64)

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from . import settings as declared
 from .align import Alignment, align, transformed
-from .correspond import Target, Vectors, by_nearest, by_surface
+from .correspond import Target, Vectors, by_nearest, by_surface, shortened
 from .grnn import DisplacementField
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
@@ -27,7 +27,7 @@ from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
 from .reduce import pyramid
-from .relax import averaging, settle, slide
+from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, node_counts, stages
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
@@ -73,7 +73,10 @@ def morph(
     settings = settings or MorphSettings()
     declared.check(settings)
     progress(0.0, "cleaning")
-    ours, theirs = clean(source.vertices, source.faces, "source"), clean(target.vertices, target.faces, "target")
+    ours, theirs = (
+        clean(source.vertices, source.faces, "source"),
+        clean(target.vertices, target.faces, "target"),
+    )
     work = _Work.begun(ours, theirs, settings, _paired(source_landmarks, target_landmarks), progress)
     weight = _clean_weights(weights, ours, len(source.vertices))
     displacement, history = _deform(work, weight, settings, part(progress, 0.25, 0.7))
@@ -84,7 +87,9 @@ def morph(
     field = DisplacementField(work.aligned.vertices, displacement, spread)
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
     if weights is not None and settings.alignment != "none":
-        warnings.append("weights limit the deformation, not the alignment; choose no alignment to keep parts still")
+        warnings.append(
+            "weights limit the deformation, not the alignment; choose no alignment to keep parts still"
+        )
     result = result_of(
         source,
         (ours, theirs),
@@ -212,6 +217,7 @@ def _run(
     mean = averaging(rest)
     share = None if weight is None else _spread_weights(work, rest, weight)
     calm, count = False, len(stage.iterations)
+    published = settings.correspondence == "nearest"
     for number, iteration in enumerate(stage.iterations):
         if calm and number < count - 1:
             continue  # nothing moves any more: only the last and finest is left to try
@@ -219,17 +225,20 @@ def _run(
         vectors = _vectors(moved, aim, target, iteration.normal_weight, settings.partial)
         if not len(vectors.centres):
             break
-        field = DisplacementField(vectors.centres, vectors.displacements, iteration.spread)
+        asked = vectors.displacements if published else shortened(vectors.displacements, iteration.spread)
+        field = DisplacementField(vectors.centres, asked, iteration.spread)
         step = stage.step_scale * field(moved.vertices)
         after = slide(moved, displacement + step, mean, settings.sliding)
         step = (after - displacement) if share is None else share[:, None] * (after - displacement)
+        if rest is work.aligned:
+            step = guarded(rest, displacement, step, mean)
         displacement = displacement + step
         largest = float(np.sqrt(np.max(np.sum(step**2, axis=1))))
         history.append(
             Step(stage.name, len(rest.vertices), number + 1, vectors.rms, largest, iteration.spread)
         )
-        text = f"{stage.name}, {len(rest.vertices)} nodes, iteration {number + 1} of {count}, RMS {vectors.rms:.3g}"
-        progress((number + 1) / count, text)
+        where = f"{stage.name}, {len(rest.vertices)} nodes, iteration {number + 1} of {count}"
+        progress((number + 1) / count, f"{where}, RMS {vectors.rms:.3g}")
         calm = largest < settings.tolerance * work.size
     return displacement
 

@@ -190,7 +190,7 @@ def result_of(
     clean_distance = index.closest(morphed.vertices).distance
     distance[used] = clean_distance[ours.vertex_map[used]]
     distance[~used] = index.closest(vertices[~used]).distance
-    after = compare(ours.surface, _wound_as(ours, morphed), theirs.surface, target_index=index)
+    after = compare(ours.surface, _wound_as(ours, morphed), theirs.surface, to_target=clean_distance)
     progress(0.6, "measuring")
     before = compare(ours.surface, _wound_as(ours, aligned), theirs.surface, target_index=index)
     size = theirs.surface.diagonal

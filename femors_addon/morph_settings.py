@@ -52,13 +52,18 @@ class MorphSettings:
 
     preset: str = setting("standard", "Preset", "Sets of values for common tasks", choices=PRESET_CHOICES)
     alignment: str = setting(
-        "affine", "Alignment", "How the source is laid onto the target before it is deformed", choices=ALIGNMENTS
+        "affine",
+        "Alignment",
+        "How the source is laid onto the target before it is deformed",
+        choices=ALIGNMENTS,
     )
     partial: str = setting(
         "none", "Overlap", "Whether one of the two shows only a part of the other", choices=PARTIALS
     )
     fix_units: bool = setting(
-        False, "Convert units", "Scale the source by the unit factor (such as 1000) when the sizes tell of one"
+        False,
+        "Convert units",
+        "Scale the source by the unit factor (such as 1000) when the sizes tell of one",
     )
     fix_mirror: bool = setting(
         False, "Mirror if better", "Mirror the source when it fits the target as the other side (left, right)"
@@ -71,7 +76,12 @@ class MorphSettings:
         advanced=True,
     )
     levels: int = setting(
-        2, "Reduced levels", "Reduced meshes worked on before the dense one", minimum=0, maximum=6, advanced=True
+        2,
+        "Reduced levels",
+        "Reduced meshes worked on before the dense one",
+        minimum=0,
+        maximum=6,
+        advanced=True,
     )
     reduction: float = setting(
         0.0,
@@ -90,7 +100,7 @@ class MorphSettings:
     spread_start: float = setting(
         0.0,
         "Spread, start",
-        "Spread (smoothing) of the first iteration: large moves whole regions; 0 is 0.15 of the target's size",
+        "Spread (smoothing) of the first iteration: large moves regions; 0 is 0.15 of the target's size",
         minimum=0.0,
         unit="length",
         advanced=True,
@@ -197,7 +207,9 @@ PRESETS: dict[str, MorphSettings] = {
         field_spread=1.0,
         tolerance=0.0,
     ),
-    "gross": MorphSettings(preset="gross", fine_iterations=3, dense_iterations=0, projection=0.0, relaxation=0),
+    "gross": MorphSettings(
+        preset="gross", fine_iterations=3, dense_iterations=0, projection=0.0, relaxation=0
+    ),
     "fine": MorphSettings(
         preset="fine", levels=3, iterations=40, fine_iterations=16, dense_iterations=4, relaxation=8
     ),

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from .mesh import Float, Int, Surface, unit
 from .progress import Progress, silent
 
-FIRST_NEIGHBOURS = 6
+FIRST_NEIGHBOURS = 10
 BLOCK_PAIRS = 250_000  # point-triangle pairs at a time: about 50 MB of temporaries
 
 
@@ -50,9 +50,10 @@ class SurfaceIndex:
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
+        self._triangles = _Triangles.of(surface.corners)
         centroid = surface.corners.mean(axis=1)
         radius = np.linalg.norm(surface.corners - centroid[:, None], axis=2).max(axis=1)
-        smallest = max(float(np.median(radius)), np.finfo(float).tiny)
+        smallest = max(1.6 * float(np.median(radius)), 1e-300)
         octave = np.maximum(np.ceil(np.log2(np.maximum(radius, smallest) / smallest)), 0).astype(int)
         self._classes: list[tuple[cKDTree, Int, float]] = []
         for level in np.unique(octave):
@@ -69,8 +70,9 @@ class SurfaceIndex:
         bary = np.zeros((count, 3))
         for tree, members, radius in self._classes:
             self._search(points, tree, members, radius, (best, face, bary), progress)
-        corners = self.surface.corners[face]
-        return Closest(np.sqrt(best), np.einsum("pk,pkc->pc", bary, corners), face, bary)
+        corners = self.surface.vertices[self.surface.faces[face]]
+        point = np.einsum("pk,pkc->pc", bary, corners)
+        return Closest(np.linalg.norm(points - point, axis=1), point, face, bary)
 
     def _search(
         self,
@@ -94,10 +96,12 @@ class SurfaceIndex:
                 reach = np.sqrt(best[block])
                 # a class whose nearest centroid is out of reach cannot improve anything
                 worth = far[:, seen] - radius <= reach
-                rows = np.flatnonzero(worth)
-                ids = members[order[rows, seen:]]
-                pick, column = np.nonzero(far[rows, seen:] - radius <= reach[rows, None])
-                self._improve(points, block[rows[pick]], ids[pick, column], best, face, bary)
+                for columns in (slice(seen, seen + 2), slice(seen + 2, k)):
+                    # the nearest two bound what the others must beat
+                    close = far[:, columns] - radius <= np.sqrt(best[block])[:, None]
+                    pick, column = np.nonzero(close & worth[:, None])
+                    ids = members[order[:, columns][pick, column]]
+                    self._improve(points, block[pick], ids, best, face, bary)
                 done = ~worth | (far[:, -1] - radius > np.sqrt(best[block]))
                 still.append(block[~done])
             if k == len(members):
@@ -109,17 +113,16 @@ class SurfaceIndex:
         """Try the pairs (point row[i], face ids[i]), rows ascending; keep what is closer."""
         if not len(row):
             return
-        a, b, c = (self.surface.vertices[self.surface.faces[ids, i]] for i in range(3))
-        weights = closest_barycentric(points[row], a, b, c)
-        delta = weights[:, :1] * a + weights[:, 1:2] * b + weights[:, 2:] * c - points[row]
-        distance = np.einsum("ij,ij->i", delta, delta)
+        distance, v, w = self._triangles.closest(points[row], ids)
         start = np.flatnonzero(np.concatenate(([True], row[1:] != row[:-1])))
         lowest = np.minimum.reduceat(distance, start)
         group = np.cumsum(np.concatenate(([0], row[1:] != row[:-1])))
         hit = np.flatnonzero(distance == lowest[group])
         winner = hit[np.unique(group[hit], return_index=True)[1]]
         winner = winner[distance[winner] < best[row[winner]]]
-        best[row[winner]], face[row[winner]], bary[row[winner]] = distance[winner], ids[winner], weights[winner]
+        rows, v, w = row[winner], v[winner], w[winner]
+        best[rows], face[rows] = distance[winner], ids[winner]
+        bary[rows] = np.column_stack((1.0 - v - w, v, w))
 
     # --- sign ---------------------------------------------------------------------------------
     def signed(self, points: ArrayLike, progress: Progress = silent) -> Float:
@@ -156,8 +159,8 @@ class SurfaceIndex:
         _, edge = np.unique(half[:, 0] * len(surface.vertices) + half[:, 1], return_inverse=True)
         edge = edge.ravel()
         repeated = np.repeat(surface.face_normals, 3, axis=0)
-        total = np.column_stack([np.bincount(edge, repeated[:, axis]) for axis in range(3)])
-        return unit(total)[edge].reshape(-1, 3, 3)
+        total: Float = np.column_stack([np.bincount(edge, repeated[:, axis]) for axis in range(3)])
+        return np.asarray(unit(total)[edge]).reshape(-1, 3, 3)
 
     @cached_property
     def _angle_normals(self) -> Float:
@@ -179,46 +182,67 @@ def blocks(indices: Int, size: int) -> list[Int]:
     return [indices[start : start + size] for start in range(0, len(indices), size)]
 
 
-def closest_barycentric(p: Float, a: Float, b: Float, c: Float) -> Float:
-    """Barycentric weights (q, 3) of the closest point to p on triangles (a, b, c), each (q, 3).
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Triangles:
+    """What the distance to each face needs, worked out once: corner a, edges ab and ac, their products."""
 
-    By Voronoi regions of vertices, edges and face: Ericson, Real-Time Collision Detection (2005),
-    section 5.1.5; his symbols are kept. Degenerate triangles give a point of their longest edge.
-    """
-    ab, ac, ap = b - a, c - a, p - a
-    d1, d2 = _dot(ab, ap), _dot(ac, ap)
-    ab2, ac2, abac = _dot(ab, ab), _dot(ac, ac), _dot(ab, ac)
-    d3, d4 = d1 - ab2, d2 - abac
-    d5, d6 = d1 - abac, d2 - ac2
-    vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
-    total = va + vb + vc
-    with np.errstate(divide="ignore", invalid="ignore"):
-        v, w = vb / total, vc / total
-        inner = (va > 0) & (vb > 0) & (vc > 0)
-        out = np.where(inner[:, None], np.column_stack((1.0 - v - w, v, w)), 0.0)
-    outer = np.flatnonzero(~inner)
-    if len(outer):
-        out[outer] = _on_border(ap[outer], ab[outer], ac[outer])
-    return out
+    a: Float
+    ab: Float
+    ac: Float
+    ab2: Float
+    ac2: Float
+    abac: Float
+
+    @classmethod
+    def of(cls, corners: Float) -> _Triangles:
+        a, ab, ac = corners[:, 0].copy(), corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        return cls(a, ab, ac, _dot(ab, ab), _dot(ac, ac), _dot(ab, ac))
+
+    def closest(self, p: Float, ids: Int) -> tuple[Float, Float, Float]:
+        """Squared distance and weights (v of corner b, w of corner c) for pairs of point and face.
+
+        The foot of the perpendicular where it lies inside, else the best of the three edges; all in
+        dot products, so that a pair costs no more than three vectors. Squared distances carry
+        the rounding of |p - a|^2. A degenerate face gives the nearest point of its edges.
+        """
+        ap = p - self.a[ids]
+        d1, d2, ap2 = _dot(self.ab[ids], ap), _dot(self.ac[ids], ap), _dot(ap, ap)
+        ab2, ac2, abac = self.ab2[ids], self.ac2[ids], self.abac[ids]
+        det = ab2 * ac2 - abac * abac
+        vn, wn = ac2 * d1 - abac * d2, ab2 * d2 - abac * d1
+        inner = (vn > 0) & (wn > 0) & (vn + wn < det)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            v, w = vn / det, wn / det
+        distance = ap2 - v * d1 - w * d2
+        rows = np.flatnonzero(~inner)
+        if len(rows):
+            distance[rows], v[rows], w[rows] = _edges(
+                d1[rows], d2[rows], ap2[rows], ab2[rows], ac2[rows], abac[rows]
+            )
+        return np.maximum(distance, 0.0), v, w
 
 
-def _on_border(ap: Float, ab: Float, ac: Float) -> Float:
-    """Weights of the closest point on a triangle's three edges, positions relative to corner a."""
-    best = np.full(len(ap), np.inf)
-    out = np.zeros((len(ap), 3))
-    origin = np.zeros_like(ab)
-    for start, along, i, j in ((origin, ab, 0, 1), (ab, ac - ab, 1, 2), (ac, -ac, 2, 0)):
-        length = _dot(along, along)
-        t = np.divide(_dot(ap - start, along), length, out=np.zeros(len(ap)), where=length > 0)
-        t = np.clip(t, 0.0, 1.0)
-        delta = start + t[:, None] * along - ap
-        distance = _dot(delta, delta)
-        rows = np.flatnonzero(distance < best)
-        best[rows] = distance[rows]
-        out[rows] = 0.0
-        out[rows, i], out[rows, j] = 1.0 - t[rows], t[rows]
-    return out
+def _edges(
+    d1: Float, d2: Float, ap2: Float, ab2: Float, ac2: Float, abac: Float
+) -> tuple[Float, Float, Float]:
+    """Squared distance and weights of the closest point on the edges ab, ac and bc."""
+    s, t = _clamped(d1, ab2), _clamped(d2, ac2)
+    bc2 = ab2 + ac2 - 2.0 * abac
+    r = _clamped(d2 - d1 + ab2 - abac, bc2)
+    on_ab, on_ac = ap2 + s * (s * ab2 - 2.0 * d1), ap2 + t * (t * ac2 - 2.0 * d2)
+    on_bc = ap2 - 2.0 * d1 + ab2 + r * (r * bc2 - 2.0 * (d2 - d1 + ab2 - abac))
+    first = (on_ab <= on_ac) & (on_ab <= on_bc)
+    second = ~first & (on_ac <= on_bc)
+    distance = np.where(first, on_ab, np.where(second, on_ac, on_bc))
+    v = np.where(first, s, np.where(second, 0.0, 1.0 - r))
+    return distance, v, np.where(first, 0.0, np.where(second, t, r))
+
+
+def _clamped(along: Float, length: Float) -> Float:
+    """Parameter in [0, 1] of the foot on an edge; 0 on an edge without length."""
+    foot: Float = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    return np.clip(foot, 0.0, 1.0)
 
 
 def _dot(a: Float, b: Float) -> Float:
-    return np.einsum("ij,ij->i", a, b)
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]

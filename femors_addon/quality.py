@@ -67,7 +67,7 @@ class Stat:
 def _short(value: float) -> str:
     """Three significant digits, without an exponent and never fewer than the whole part."""
     digits = 2 - int(np.floor(np.log10(abs(value)))) if value else 2
-    return f"{value:.{min(max(digits, 0), 6)}f}"
+    return f"{value:.{min(max(digits, 0), 3)}f}"
 
 
 # --- the shape of faces -----------------------------------------------------------------------------
@@ -198,17 +198,23 @@ class Comparison:
 
 
 def compare(
-    source: Surface, morphed: Surface, target: Surface, *, target_index: SurfaceIndex | None = None
+    source: Surface,
+    morphed: Surface,
+    target: Surface,
+    *,
+    target_index: SurfaceIndex | None = None,
+    to_target: Float | None = None,
 ) -> Comparison:
     """Measure `morphed` (the faces of `source` at new positions) against `target`.
 
     All three cleaned: merged and wound consistently. `target_index` is the search structure of
-    `target`, where there is one already.
+    `target`, and `to_target` (n,) the morphed vertices' distances to it, where they are there already.
     """
     points, aims = _used(morphed), _used(target)
     there = back = np.zeros(0)
     if len(points) and len(aims):
-        there = (target_index or SurfaceIndex(target)).closest(points).distance
+        index = target_index or SurfaceIndex(target)
+        there = index.closest(points).distance if to_target is None else to_target
         back = SurfaceIndex(morphed).closest(aims).distance
     return Comparison(
         surface_to_target=Stat.of(there),

@@ -18,13 +18,26 @@ SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
 SHAPE_STEP = 0.8
 FLOOR = 0.02  # weight of a face without distortion, where one that is badly distorted has one
+PATCHES = (1, 1, 2, 2, 3, 3, 4)  # edges around a bad face, one attempt after the other
+TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
+SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
 
 
 def averaging(surface: Surface) -> sparse.csr_matrix:
-    """(n, n) matrix that takes the mean over a node's neighbours, rows summing to one."""
-    degree = np.maximum(np.asarray(surface.adjacency.sum(axis=1)).ravel(), 1.0)
-    return sparse.diags(1.0 / degree) @ surface.adjacency
+    """(n, n) matrix that takes the mean over a node's neighbours, rows summing to one.
+
+    Neighbours weigh by the inverse square of their distance, so that a short edge moves as one however
+    large the faces around it are.
+    """
+    one, two = surface.edges.T
+    length = np.linalg.norm(surface.vertices[one] - surface.vertices[two], axis=1)
+    weight = 1.0 / np.maximum(length, 1e-6 * max(surface.mean_edge, 1e-300)) ** 2
+    n = len(surface.vertices)
+    half = sparse.csr_matrix((weight, (one, two)), shape=(n, n))
+    both = (half + half.T).tocsr()
+    total = np.asarray(both.sum(axis=1)).ravel()
+    return sparse.diags(1.0 / np.where(total > 0, total, 1.0)) @ both
 
 
 def slide(moved: Surface, displacement: Float, mean: sparse.csr_matrix, rounds: int) -> Float:
@@ -89,13 +102,15 @@ def _flattened(corners: Float) -> tuple[np.ndarray, Float, Float]:
 
 
 def folded(reference: Surface, moved: Surface) -> Int:
-    """Faces folded over against their own surroundings in `moved`, though not in `reference`."""
+    """Faces folded over against their own surroundings in `moved`, or about to, but not in `reference`."""
+    after, before = _facing(moved), _facing(reference)
+    return np.flatnonzero((before > 0) & (after < np.minimum(0.05, 0.5 * before))).astype(np.int32)
 
-    def fold(surface: Surface) -> np.ndarray:
-        around = surface.vertex_normals[surface.faces].sum(axis=1)
-        return np.einsum("ij,ij->i", surface.face_normals, unit(around)) < 0.05
 
-    return np.flatnonzero(fold(moved) & ~fold(reference)).astype(np.int32)
+def _facing(surface: Surface) -> Float:
+    """Cosine (m,) between a face's normal and the mean of the normals at its corners."""
+    around = surface.vertex_normals[surface.faces].sum(axis=1)
+    return np.einsum("ij,ij->i", surface.face_normals, unit(around))
 
 
 def settle(
@@ -124,25 +139,51 @@ def settle(
     left : int
         Faces that are still folded over or cross others, though they did not in `aligned`.
     """
-    matching, border = ShapeMatching(rest), target.surface.border
+    matching = ShapeMatching(rest)
     share = 1.0 if weight is None else weight[:, None]
+    mean = averaging(aligned)
+    displacement = unfolded(aligned, displacement, mean)[0]
     rounds = settings.relaxation + (settings.projection > 0)
     for number in range(rounds):
         progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
-        positions = aligned.vertices + displacement
+        begun = positions = aligned.vertices + displacement
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
             positions = positions + share * SHAPE_STEP * matching.move(positions)
         if settings.projection > 0:
-            step = _to_target(aligned.moved(positions), target, border, settings)
+            step = _to_target(aligned.moved(positions), target, settings)
             positions = positions + share * settings.projection * step
-        displacement = positions - aligned.vertices
+        displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
     progress(rounds / (rounds + 1), "checking for folded faces")
-    if not settings.projection and not settings.relaxation:
-        return displacement, len(bad_faces(aligned, aligned.moved(aligned.vertices + displacement)))
-    return unfolded(aligned, displacement, averaging(aligned))
+    return unfolded(aligned, displacement, mean)
 
 
-def _to_target(moved: Surface, target: SurfaceIndex, border: np.ndarray, settings: MorphSettings) -> Float:
+def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.csr_matrix) -> Float:
+    """Shorten a step (n, 3) at the nodes where it would turn faces over, down to none of it.
+
+    A face is measured against its own direction under the smoothed displacement, which takes each
+    neighbourhood along as one; what begins without folds stays without.
+    """
+    smooth = displacement
+    for _ in range(SMOOTH):
+        smooth = mean @ smooth
+    upright = reference.moved(reference.vertices + smooth).face_normals
+
+    def cosine(share: Float) -> Float:
+        moved = reference.moved(reference.vertices + displacement + share[:, None] * step)
+        return np.einsum("ij,ij->i", upright, moved.face_normals)
+
+    share = np.ones(len(step))
+    limit = np.minimum(TURN, cosine(np.zeros(len(step))))
+    for factor in (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0):
+        turned = cosine(share) < limit
+        turned &= (share[reference.faces] > 0).any(axis=1)
+        if not turned.any():
+            break
+        share[reference.faces[turned].ravel()] *= factor
+    return share[:, None] * step
+
+
+def _to_target(moved: Surface, target: SurfaceIndex, settings: MorphSettings) -> Float:
     """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours."""
     found = target.closest(moved.vertices)
     normals = interpolated_normals(target.surface, found.face, found.barycentric)
@@ -167,10 +208,11 @@ def bad_faces(reference: Surface, moved: Surface) -> Int:
     return np.union1d(folded(reference, moved), crossing).astype(np.int32)
 
 
-def unfolded(
-    reference: Surface, displacement: Float, mean: sparse.csr_matrix, rounds: int = 12
-) -> tuple[Float, int]:
-    """Smooth a displacement (n, 3) where faces fold over or cross, by as little as helps.
+def unfolded(reference: Surface, displacement: Float, mean: sparse.csr_matrix) -> tuple[Float, int]:
+    """Mend faces that fold over or cross others, by as little as helps.
+
+    Around each bad face the displacement is replaced by the harmonic one that its surroundings ask
+    for, in a patch that grows until the face is well: far enough out, the patch moves as one.
 
     Returns
     -------
@@ -180,20 +222,27 @@ def unfolded(
         Bad faces in it.
     """
     best, fewest, current = displacement, len(reference.faces) + 1, displacement
-    for attempt in range(rounds + 1):
+    for rings in (*PATCHES, 0):
         moved = reference.moved(reference.vertices + current)
         faces = folded(reference, moved)
-        if not len(faces) or attempt == rounds:
+        if not len(faces) or not rings:
             faces = bad_faces(reference, moved)
         if len(faces) < fewest:
             best, fewest = current, len(faces)
-        if not len(faces):
+        if not len(faces) or not rings:
             break
-        touched = np.zeros(len(displacement), dtype=bool)
-        touched[reference.faces[faces].ravel()] = True
-        for _ in range(attempt // 4):
-            touched |= mean @ touched.astype(float) > 0
-        current = current.copy()
-        for _ in range(2):
-            current[touched] = 0.5 * (current[touched] + (mean @ current)[touched])
+        current = _harmonic(current, reference.faces[faces].ravel(), mean, rings)
     return best, fewest
+
+
+def _harmonic(displacement: Float, nodes: Int, mean: sparse.csr_matrix, rings: int) -> Float:
+    """Replace the displacement within `rings` edges of the nodes by the mean of its neighbours."""
+    inside = np.zeros(len(displacement), dtype=bool)
+    inside[nodes] = True
+    for _ in range(rings - 1):
+        inside |= mean @ inside.astype(float) > 0
+    rows = mean[np.flatnonzero(inside)]
+    out = displacement.copy()
+    for _ in range(4 * rings * rings):
+        out[inside] = rows @ out
+    return out

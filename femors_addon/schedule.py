@@ -106,8 +106,14 @@ def stages(settings: MorphSettings, edges: list[float], size: float) -> list[Sta
         first = RESTART * edges[level - 1]
         last = max(LEVEL_END * edges[level], floor)
         add("fine", level, settings.fine_iterations, max(first, last), last, NORMALS_SHARE)
+    if dense and dense < settings.levels and not settings.spread_decay:
+        # a mesh too small for all the levels has its finer iterations on the dense one
+        first, last = RESTART * edges[dense - 1], max(LEVEL_END * edges[dense], floor)
+        add("fine", dense, settings.fine_iterations, max(first, last), last, NORMALS_SHARE)
     last = settings.spread_end or DENSE_END * edges[dense]
-    first = settings.spread_start if settings.dense_spread_decay else RESTART * edges[max(dense - 1, 0)]
+    first = RESTART * edges[max(dense - 1, 0)]
+    if settings.dense_spread_decay and settings.spread_start:
+        first = settings.spread_start
     add("dense", dense, settings.dense_iterations, max(first, last), last, 0.0)
     return out
 

@@ -8,6 +8,7 @@ are made from these fields, so that a number, its limits and its words stand in 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Literal
 
 from .progress import FemorsError
@@ -49,7 +50,6 @@ def check(settings: Any) -> None:
                 raise FemorsError(f"{spec.label}: '{value}' is not one of {', '.join(allowed)}")
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
             low, high = spec.minimum, spec.maximum
-            if not (value == value) or (low is not None and value < low) or (high is not None and value > high):
-                raise FemorsError(
-                    f"{spec.label}: {value} is outside {'-inf' if low is None else low} to {'inf' if high is None else high}"
-                )
+            low, high = (-math.inf if low is None else low), (math.inf if high is None else high)
+            if not low <= value <= high:  # also where it is NaN
+                raise FemorsError(f"{spec.label}: {value} is outside {low:g} to {high:g}")
