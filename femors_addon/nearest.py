@@ -241,7 +241,8 @@ def _edges(
 def _clamped(along: Float, length: Float) -> Float:
     """Parameter in [0, 1] of the foot on an edge; 0 on an edge without length."""
     foot: Float = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
-    return np.clip(foot, 0.0, 1.0)
+    clamped: Float = np.clip(foot, 0.0, 1.0)
+    return clamped
 
 
 def _dot(a: Float, b: Float) -> Float:

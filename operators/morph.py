@@ -30,9 +30,17 @@ NOTHING = 1e-9
 """Lengths below this are rounding: shown as 0."""
 
 
-def form_gap(form: Any) -> str:
-    """Return what is missing in the panel's form, in words, or ""."""
+def chosen(context: bpy.types.Context) -> tuple[bpy.types.Object | None, bpy.types.Object | None]:
+    """Return source and target: those of the panel's pickers, or of the selection if both are empty."""
+    form = context.scene.femors
+    # a deleted object that a picker still points at stays in the file, in no scene
     source, target = (item if item and item.users_scene else None for item in (form.source, form.target))
+    return (source, target) if source or target else from_selection(context)
+
+
+def gap(context: bpy.types.Context) -> str:
+    """Return what is missing for the panel's button, in words, or ""."""
+    source, target = chosen(context)
     if source is None:
         return "Choose the source: the mesh that is morphed"
     if target is None:
@@ -62,13 +70,12 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Say in words what is missing; the form counts only for the button that is drawn with it."""
-        form = getattr(context, "femors_form", None)
         if JobOperator.current is not None:
             message = "A FEMORS job is running: wait or cancel it"
         elif context.mode != "OBJECT":
             message = "Leave Edit Mode or painting first: the morph works in Object Mode"
         else:
-            message = dependencies.missing() or (form_gap(form) if form else "")
+            message = dependencies.missing() or (gap(context) if hasattr(context, "femors_form") else "")
         if message:
             cls.poll_message_set(message)
         return not message
@@ -76,10 +83,10 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Take from the form what the caller has not set, and start in the background."""
         form = context.scene.femors
-        for name in ("source", "target"):
-            item = getattr(form, name)
+        for name, item in zip(("source", "target"), chosen(context), strict=True):
             if not self.properties.is_property_set(name) and item is not None:
                 setattr(self, name, item.name)
+                setattr(form, name, item)  # the result will be selected, the pair stays
         for name in ("result", "vertex_group", "use_evaluated", "use_landmarks", *specs(MorphSettings)):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(form, name))

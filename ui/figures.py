@@ -40,7 +40,7 @@ def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bp
     """Draw the table, the reason that the morph stopped, and its warnings."""
     before, after = report["before"], report["after"]
     column = layout.column(align=True)
-    _row(column, f"{report['source']} to {report['target']}", "before", "after")
+    _row(column, f"{report['source']} to {report['target']}", "aligned", "morphed")
     column.separator()
     for title, key, parts in TABLE:
         box = column.box().column(align=True)

@@ -12,6 +12,7 @@ from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.settings import specs
 from ..operators import dependencies
 from ..operators.job import Job, JobOperator
+from ..operators.morph import chosen
 from ..operators.props import changed_from_preset
 from .figures import draw_figures, draw_sentence, parsed
 
@@ -41,7 +42,7 @@ class FEMORS_PT_morph(FemorsPanel, bpy.types.Panel):
         column.use_property_split = True
         column.use_property_decorate = False
         column.enabled = JobOperator.current is None
-        draw_pickers(column, form)
+        draw_pickers(column, context)
         draw_options(column, form)
         if JobOperator.current is not None:
             draw_job(layout, JobOperator.current)
@@ -109,14 +110,19 @@ class FEMORS_PT_morph_figures(FemorsPanel, bpy.types.Panel):
         draw_figures(self.layout, parsed(context.object.femors.report), context)
 
 
-def draw_pickers(layout: bpy.types.UILayout, form: Any) -> None:
-    """Draw source and target, and the button that fills them."""
+def draw_pickers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw source and target, the button that fills them, and what an empty form would take."""
+    form = context.scene.femors
     column = layout.column(align=True)
     column.prop(form, "source", icon="MESH_DATA")
     column.prop(form, "target", icon="MESH_DATA")
     row = layout.row()
     row.use_property_split = False
     row.operator("femors.pick_selection", text="Pick from Selection", icon="RESTRICT_SELECT_OFF")
+    if form.source is None and form.target is None:
+        source, target = chosen(context)
+        if source is not None and target is not None:
+            layout.label(text=f"Selected: {source.name} onto {target.name}", icon="INFO")
 
 
 def draw_options(layout: bpy.types.UILayout, form: Any) -> None:

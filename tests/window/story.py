@@ -186,21 +186,24 @@ def make_shapes() -> None:
 def pick() -> Steps:
     """Fill the pickers from the selection."""
     source, target = bpy.data.objects["Femur"], bpy.data.objects["Scan"]
-    check(not call_poll(), "the button must be disabled while nothing is picked")
+    check(not enabled(), "the button must be disabled while nothing is picked")
     for item in (source, target):
         item.select_set(True)
     bpy.context.view_layer.objects.active = source
+    check(enabled(), "the button must be enabled when the selection says what to do")
+    yield from shot("2_selected")
     call(bpy.ops.femors.pick_selection)
     form = bpy.context.scene.femors
     check((form.source, form.target) == (source, target), "the pickers were not filled from the selection")
-    check(call_poll(), "the button must be enabled when both are picked")
+    check(enabled(), "the button must be enabled when both are picked")
     yield from shot("2_picked")
 
 
-def call_poll() -> bool:
-    """Whether the panel would enable its button."""
+def enabled() -> bool:
+    """Whether the panel enables its button."""
     morph = importlib.import_module(f"{PACKAGE}.operators.morph")
-    return not morph.form_gap(bpy.context.scene.femors)
+    with bpy.context.temp_override(**view()):
+        return not morph.gap(bpy.context)
 
 
 def cancel() -> Steps:
@@ -228,6 +231,10 @@ def cancel() -> Steps:
     yield from wait("Esc to end the job", quiet)
     seen["cancel_s"] = round(time.monotonic() - begin, 2)
     check(scene_state() == before, "a cancelled job changed the scene")
+    yield from start()
+    call(bpy.ops.femors.cancel)
+    yield from wait("the Cancel button to end the job", quiet)
+    check(scene_state() == before, "a job that was cancelled by its button changed the scene")
     yield from shot("4_cancelled")
 
 
