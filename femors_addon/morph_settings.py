@@ -153,7 +153,7 @@ class MorphSettings:
         "Share of the remaining distance to the target taken at the end; less on a noisy target",
     )
     relaxation: int = setting(
-        4,
+        3,
         "Relaxation",
         "Rounds at the end that give the elements the shapes that they had in the source",
         minimum=0,

@@ -246,4 +246,4 @@ def _clamped(along: Float, length: Float) -> Float:
 
 
 def _dot(a: Float, b: Float) -> Float:
-    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
+    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import sparse
 
@@ -142,7 +144,7 @@ def settle(
     matching = ShapeMatching(rest)
     share = 1.0 if weight is None else weight[:, None]
     mean = averaging(aligned)
-    displacement = unfolded(aligned, displacement, mean)[0]
+    displacement = unfolded(aligned, displacement, mean, folded)[0]
     rounds = settings.relaxation + (settings.projection > 0)
     for number in range(rounds):
         progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
@@ -154,7 +156,7 @@ def settle(
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
     progress(rounds / (rounds + 1), "checking for folded faces")
-    return unfolded(aligned, displacement, mean)
+    return unfolded(aligned, displacement, mean, bad_faces)
 
 
 def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.csr_matrix) -> Float:
@@ -208,11 +210,18 @@ def bad_faces(reference: Surface, moved: Surface) -> Int:
     return np.union1d(folded(reference, moved), crossing).astype(np.int32)
 
 
-def unfolded(reference: Surface, displacement: Float, mean: sparse.csr_matrix) -> tuple[Float, int]:
+def unfolded(
+    reference: Surface,
+    displacement: Float,
+    mean: sparse.csr_matrix,
+    judge: Callable[[Surface, Surface], Int],
+) -> tuple[Float, int]:
     """Mend faces that fold over or cross others, by as little as helps.
 
     Around each bad face the displacement is replaced by the harmonic one that its surroundings ask
     for, in a patch that grows until the face is well: far enough out, the patch moves as one.
+    `judge` names the bad faces of a reference and a moved surface; where folds alone do not end it, it
+    is asked once they are gone: `bad_faces` costs more than `folded`.
 
     Returns
     -------
@@ -226,7 +235,7 @@ def unfolded(reference: Surface, displacement: Float, mean: sparse.csr_matrix) -
         moved = reference.moved(reference.vertices + current)
         faces = folded(reference, moved)
         if not len(faces) or not rings:
-            faces = bad_faces(reference, moved)
+            faces = judge(reference, moved)
         if len(faces) < fewest:
             best, fewest = current, len(faces)
         if not len(faces) or not rings:
