@@ -170,6 +170,8 @@ def shapes() -> Steps:
     subprocess.run(["xdotool", "mousemove", str(x), "330", "mousemove", str(x + 2), "336"], check=True)
     yield from pause(1.5)
     subprocess.run(["scrot", "--overwrite", str(OUT / "1_tooltip.png")], check=True)
+    subprocess.run(["xdotool", "mousemove", "300", "600"], check=True)
+    yield from pause(0.5)
 
 
 def make_shapes() -> None:
