@@ -22,9 +22,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import zlib
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -341,7 +343,10 @@ def _gauss(sigma: float, radius: int) -> Float:
 def load_arrays(path: str | Path) -> dict[str, Float]:
     """Read an ``.npz`` file of arrays; one-line `FemorsError` where it is none."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        archive = np.load(path, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise ValueError("one array, not several by name")
+        with archive:
             return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError) as error:
+    except (OSError, ValueError, EOFError, KeyError, BadZipFile, zlib.error) as error:
         raise FemorsError(f"{path}: not a readable field file ({error})") from None
