@@ -292,28 +292,31 @@ class _Grid:
 
     def smooth(self, field: DisplacementField, points: Float, progress: Progress) -> Float:
         """Evaluate the field's smoothed sums at points (p, 3), all within reach of a centre."""
-        progress(0.1, "displacement field")
-        index, taps = self._taps(field.centres)
+        cells = math.prod(self.shape)
+        grids = np.zeros((4, cells))
         values = np.column_stack((field.displacements, np.ones(len(field.centres))))
-        smoothed = []
+        for rows in _parts(len(field.centres)):
+            progress(0.4 * rows.start / len(field.centres), "displacement field")
+            index, taps = self._taps(field.centres[rows])
+            for column in range(4):
+                laid = (taps * values[rows, column, None]).ravel()
+                grids[column] += np.bincount(index.ravel(), laid, minlength=cells)
         # a cubic B-spline has variance 1/3: taken off the kernel for spreading and for reading
         narrow = math.sqrt(self.sigma**2 - 2.0 / 3.0)
-        radius = math.ceil(CUT * self.sigma * math.sqrt(2 * LN2))
+        kernel = _gauss(narrow, math.ceil(CUT * self.sigma * math.sqrt(2 * LN2)))
         for column in range(4):
-            progress(0.2 + 0.15 * column, "displacement field")
-            grid = np.bincount(
-                index.ravel(), (taps * values[:, column, None]).ravel(), minlength=math.prod(self.shape)
-            )
-            grid = grid.reshape(self.shape)
+            progress(0.4 + 0.1 * column, "displacement field")
+            grid = grids[column].reshape(self.shape)
             for axis in range(3):
-                grid = ndimage.correlate1d(grid, _gauss(narrow, radius), axis=axis, mode="constant")
-            smoothed.append(grid.ravel())
-        progress(0.8, "displacement field")
-        sums = np.zeros((len(points), 4))
-        index, taps = self._taps(points)
-        for column in range(4):
-            sums[:, column] = np.einsum("pk,pk->p", taps, smoothed[column][index])
-        return sums[:, :3] / sums[:, 3:]
+                grid = ndimage.correlate1d(grid, kernel, axis=axis, mode="constant")
+            grids[column] = grid.ravel()
+        out = np.empty_like(points)
+        for rows in _parts(len(points)):
+            progress(0.8 + 0.2 * rows.start / len(points), "displacement field")
+            index, taps = self._taps(points[rows])
+            sums = np.column_stack([np.einsum("pk,pk->p", taps, grid[index]) for grid in grids])
+            out[rows] = sums[:, :3] / sums[:, 3:]
+        return out
 
     def _taps(self, points: Float) -> tuple[Int, Float]:
         """Flat cell indices and B-spline weights (p, 64); weights of points off the grid are zero."""
@@ -333,6 +336,11 @@ class _Grid:
         weights = spline[:, :, None, None, 0] * spline[:, None, :, None, 1] * spline[:, None, None, :, 2]
         weights *= inside[:, None, None, None]
         return index.reshape(len(points), 64), weights.reshape(len(points), 64)
+
+
+def _parts(count: int) -> list[slice]:
+    """Parts of so many points whose taps fit into a block."""
+    return [slice(start, start + BLOCK // 128) for start in range(0, count, BLOCK // 128)]
 
 
 def _gauss(sigma: float, radius: int) -> Float:

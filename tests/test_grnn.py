@@ -333,11 +333,12 @@ def test_memory_is_bounded_by_blocks():
     field = DisplacementField(centres, smooth(centres), 5.0)
     at = around(centres, 1.0, 6000)
     assert peak(lambda: field.exact(at)) < 90.0
-    many = np.concatenate([small * (1 + 0.005 * k) for k in range(8)])
-    at = around(many, 1.0, 20_000)
-    for spread in (1.0, 6.0, 60.0):
-        field = DisplacementField(many, smooth(many), spread)
-        assert peak(lambda field=field: field(at)) < 150.0, spread
+    for layers in (8, 32):  # four times as many centres ask for hardly more
+        many = np.concatenate([small * (1 + 0.005 * k) for k in range(layers)])
+        at = around(many, 1.0, 20_000)
+        for spread in (1.0, 60.0):
+            field = DisplacementField(many, smooth(many), spread)
+            assert peak(lambda field=field: field(at)) < 140.0, spread
 
 
 def test_the_same_bits_every_time(surfaces):
