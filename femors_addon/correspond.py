@@ -17,6 +17,7 @@ from .nearest import SurfaceIndex
 from .progress import Progress, silent
 
 LONGEST = 0.6  # spreads that one iteration may move a node
+OUTLIER = 4.0  # median lengths beyond which a partial mesh's pair is left out
 FACING = 0.3  # cosine that the normals of a pair must have, at least
 
 
@@ -58,6 +59,7 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
         normals = interpolated_normals(target.index.surface, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", source.vertex_normals, normals) > FACING
         kept &= ~at_border(target.index.surface, found.face, found.barycentric)
+        kept &= _sound(found.point - source.vertices, source.vertex_normals, normals, partial)
         centres.append(source.vertices[kept])
         vectors.append((found.point - source.vertices)[kept])
     if partial != "source":
@@ -65,6 +67,7 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
         normals = interpolated_normals(source, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", target.normals, normals) > FACING
         kept &= ~at_border(source, found.face, found.barycentric)
+        kept &= _sound(target.nodes - found.point, normals, target.normals, partial)
         centres.append(found.point[kept])
         vectors.append((target.nodes - found.point)[kept])
     return Vectors(np.concatenate(centres), np.concatenate(vectors))
@@ -81,13 +84,28 @@ def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: 
     centres, vectors = [], []
     if partial != "source":
         hit = cKDTree(ours).query(theirs)[1]
-        centres.append(target.vertices)
-        vectors.append(target.vertices - source.vertices[hit])
+        vector = target.vertices - source.vertices[hit]
+        kept = _sound(vector, source.vertex_normals[hit], target.vertex_normals, partial)
+        centres.append(target.vertices[kept])
+        vectors.append(vector[kept])
     if partial != "target":
         hit = cKDTree(theirs).query(ours)[1]
-        centres.append(source.vertices)
-        vectors.append(target.vertices[hit] - source.vertices)
+        vector = target.vertices[hit] - source.vertices
+        kept = _sound(vector, source.vertex_normals, target.vertex_normals[hit], partial)
+        centres.append(source.vertices[kept])
+        vectors.append(vector[kept])
     return Vectors(np.concatenate(centres), np.concatenate(vectors))
+
+
+def _sound(vector: Float, normal: Float, other: Float, partial: str) -> np.ndarray:
+    """Pairs (k,) to keep. All of them, but where one mesh is partial: the face that closes a cut has
+    no counterpart, and gives itself away by its direction or by the length of its vectors.
+    """
+    if partial == "none":
+        return np.ones(len(vector), dtype=bool)
+    length = np.linalg.norm(vector, axis=1)
+    facing = np.einsum("ij,ij->i", normal, other) > FACING
+    return facing & (length <= OUTLIER * np.median(length[facing])) if facing.any() else facing
 
 
 def shortened(displacements: Float, spread: float) -> Float:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from .mesh import Float, Int, Surface, unit
 from .progress import Progress, silent
 
-FIRST_NEIGHBOURS = 10
+FIRST_NEIGHBOURS = 5  # vertices
 BLOCK_PAIRS = 250_000  # point-triangle pairs at a time: about 50 MB of temporaries
 
 
@@ -42,24 +42,32 @@ class Closest:
 class SurfaceIndex:
     """Search structure over the faces of a surface, built once and asked often.
 
-    Faces are kept in one KD-tree of centroids per octave of size, so that one large face does not
-    loosen the bound of a million small ones. A candidate is certain once no face whose centroid has
-    not been seen can reach closer: its distance is at least that of the last centroid seen, less the
-    largest radius of its class.
+    Faces are found through their corners. Where the closest point q of a face to p lies inside the
+    face or an edge, p - q is at right angles to it, so that its nearest corner is no farther than
+    sqrt(d^2 + L^2 / 3) with L the face's longest edge, however far p is. Once all vertices within
+    that reach have been seen the closest face is certain. Vertices are kept in one KD-tree per octave
+    of L, so that one large face does not loosen the bound of a million small ones.
     """
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
         self._triangles = _Triangles.of(surface.corners)
-        centroid = surface.corners.mean(axis=1)
-        radius = np.linalg.norm(surface.corners - centroid[:, None], axis=2).max(axis=1)
-        smallest = max(1.6 * float(np.median(radius)), 1e-300)
-        octave = np.maximum(np.ceil(np.log2(np.maximum(radius, smallest) / smallest)), 0).astype(int)
+        sides = (surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3))
+        squared = np.max([_dot(side, side) for side in sides], axis=0)
+        order = np.argsort(surface.faces.ravel(), kind="stable")
+        self._faces_at = (order // 3).astype(np.int32)  # faces, vertex by vertex
+        count = np.bincount(surface.faces.ravel(), minlength=len(surface.vertices))
+        self._first = np.concatenate(([0], np.cumsum(count)))
+        longest = np.zeros(len(surface.vertices))
+        np.maximum.at(longest, surface.faces.ravel(), np.repeat(np.sqrt(squared), 3))
+        used = np.flatnonzero(count)
+        base = max(1.6 * float(np.median(longest[used])), 1e-300)
+        octave = np.maximum(np.ceil(np.log2(np.maximum(longest[used], base) / base)), 0).astype(int)
         self._classes: list[tuple[cKDTree, Int, float]] = []
         for level in np.unique(octave):
-            members = np.flatnonzero(octave == level).astype(np.int32)
-            tree = cKDTree(centroid[members], balanced_tree=False)
-            self._classes.append((tree, members, float(radius[members].max())))
+            members = used[octave == level].astype(np.int32)
+            tree = cKDTree(surface.vertices[members], balanced_tree=False)
+            self._classes.append((tree, members, float(longest[members].max() ** 2 / 3.0)))
 
     def closest(self, points: ArrayLike, progress: Progress = silent) -> Closest:
         """Return the exact closest points to points (p, 3), all finite."""
@@ -68,8 +76,8 @@ class SurfaceIndex:
         best = np.full(count, np.inf)
         face = np.zeros(count, dtype=np.int32)
         bary = np.zeros((count, 3))
-        for tree, members, radius in self._classes:
-            self._search(points, tree, members, radius, (best, face, bary), progress)
+        for tree, members, slack in self._classes:
+            self._search(points, tree, members, slack, (best, face, bary), progress)
         corners = self.surface.vertices[self.surface.faces[face]]
         point = np.einsum("pk,pkc->pc", bary, corners)
         return Closest(np.linalg.norm(points - point, axis=1), point, face, bary)
@@ -79,40 +87,41 @@ class SurfaceIndex:
         points: Float,
         tree: cKDTree,
         members: Int,
-        radius: float,
+        slack: float,
         found: tuple[Float, Int, Float],
         progress: Progress,
     ) -> None:
-        """Improve `found` (squared distance, face, barycentric) by the faces of one size class."""
+        """Improve `found` (squared distance, face, barycentric) by the faces at one class of vertices."""
         best, face, bary = found
         open_points, seen = np.arange(len(points)), 0
         k = min(FIRST_NEIGHBOURS, len(members))
         while len(open_points):
             still = []
-            for block in blocks(open_points, max(BLOCK_PAIRS // k, 1)):
+            for block in blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)):
                 progress(1.0 - len(open_points) / max(len(points), 1), "closest points")
                 far, order = tree.query(points[block], k=k)
-                far, order = far.reshape(len(block), k), order.reshape(len(block), k)
-                reach = np.sqrt(best[block])
-                # a class whose nearest centroid is out of reach cannot improve anything
-                worth = far[:, seen] - radius <= reach
-                for columns in (slice(seen, seen + 2), slice(seen + 2, k)):
-                    # the nearest two bound what the others must beat
-                    close = far[:, columns] - radius <= np.sqrt(best[block])[:, None]
-                    pick, column = np.nonzero(close & worth[:, None])
-                    ids = members[order[:, columns][pick, column]]
-                    self._improve(points, block[pick], ids, best, face, bary)
-                done = ~worth | (far[:, -1] - radius > np.sqrt(best[block]))
-                still.append(block[~done])
+                far, order = far.reshape(len(block), k) ** 2, order.reshape(len(block), k)
+                for columns in (slice(seen, seen + 1), slice(seen + 1, k)):
+                    # the nearest vertex bounds what the others must beat
+                    close = far[:, columns] <= best[block][:, None] + slack
+                    pick, column = np.nonzero(close)
+                    self._improve(
+                        points, block[pick], members[order[:, columns][pick, column]], best, face, bary
+                    )
+                still.append(block[far[:, -1] <= best[block] + slack])
             if k == len(members):
                 return
             open_points, seen = np.concatenate(still), k
             k = min(4 * k, len(members))
 
-    def _improve(self, points: Float, row: Int, ids: Int, best: Float, face: Int, bary: Float) -> None:
-        """Try the pairs (point row[i], face ids[i]), rows ascending; keep what is closer."""
+    def _improve(self, points: Float, row: Int, vertex: Int, best: Float, face: Int, bary: Float) -> None:
+        """Try the faces at vertex[i] for point row[i], rows ascending; keep what is closer."""
         if not len(row):
             return
+        count = self._first[vertex + 1] - self._first[vertex]
+        offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        ids = self._faces_at[np.repeat(self._first[vertex], count) + offset]
+        row = np.repeat(row, count)
         distance, v, w = self._triangles.closest(points[row], ids)
         start = np.flatnonzero(np.concatenate(([True], row[1:] != row[:-1])))
         lowest = np.minimum.reduceat(distance, start)

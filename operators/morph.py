@@ -14,15 +14,9 @@ from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.progress import FemorsError
 from ..femors_addon.settings import check, specs
 from . import dependencies, result, scene
+from .form import fill_from_preset, read_settings
 from .job import Compute, JobOperator
-from .props import (
-    ARGUMENT,
-    add_properties,
-    fill_from_preset,
-    read_settings,
-    result_properties,
-    setting_properties,
-)
+from .props import ARGUMENT, add_properties, result_properties, setting_properties
 
 DISTANCE = "femors_surface_distance"
 DISPLACEMENT = "femors_displacement"

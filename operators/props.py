@@ -4,14 +4,14 @@
 No ``from __future__ import annotations`` here: Blender reads annotations as property definitions.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import bpy
 
-from ..femors_addon.morph_settings import PRESETS, MorphSettings
+from ..femors_addon.morph_settings import MorphSettings
 from ..femors_addon.settings import specs
+from . import form
 
 T = TypeVar("T")
 
@@ -87,42 +87,6 @@ def add_properties(*groups: dict[str, Any]) -> Callable[[type[T]], type[T]]:
     return decorate
 
 
-def exact(value: float) -> float:
-    """Return the short decimal behind a single-precision number: 0.95 where Blender has 0.94999999."""
-    return float(f"{value:.7g}")
-
-
-def read_settings(properties: Any, cls: type[T], presets: dict[str, T]) -> T:
-    """Return the settings that an operator was called with.
-
-    The preset's values hold, except for those that the caller has set.
-    """
-    values = dataclasses.asdict(presets[properties.preset])  # type: ignore[call-overload]
-    for name, (field, _) in specs(cls).items():
-        if properties.is_property_set(name):
-            value = getattr(properties, name)
-            values[name] = exact(value) if isinstance(field.default, float) else value
-    return cls(**values)
-
-
-def fill_from_preset(form: Any, cls: type, presets: dict[str, Any]) -> None:
-    """Write a preset's advanced values into a form; what the user said of the data stays."""
-    for name, (_, spec) in specs(cls).items():
-        if spec.advanced:
-            setattr(form, name, getattr(presets[form.preset], name))
-
-
-def changed_from_preset(form: Any, cls: type, presets: dict[str, Any]) -> list[str]:
-    """Return the names of the advanced settings in which a form differs from its preset."""
-    out = []
-    for name, (field, spec) in specs(cls).items():
-        value = getattr(form, name)
-        value = exact(value) if isinstance(field.default, float) else value
-        if spec.advanced and value != getattr(presets[form.preset], name):
-            out.append(name)
-    return out
-
-
 def result_properties(flags: frozenset[str] = FORM) -> dict[str, Any]:
     """Return the options of a morph that concern Blender only."""
     options = set(flags)
@@ -154,27 +118,19 @@ def result_properties(flags: frozenset[str] = FORM) -> dict[str, Any]:
     }
 
 
-def _is_mesh(self: Any, item: bpy.types.Object) -> bool:
-    return item.type == "MESH"
-
-
-def _preset_chosen(self: Any, context: bpy.types.Context) -> None:
-    fill_from_preset(self, MorphSettings, PRESETS)
-
-
-@add_properties(setting_properties(MorphSettings, {"preset": _preset_chosen}), result_properties())
+@add_properties(setting_properties(MorphSettings, {"preset": form.preset_chosen}), result_properties())
 class FEMORS_PG_scene(bpy.types.PropertyGroup):
     """The panel's form, `Scene.femors`."""
 
     source: bpy.props.PointerProperty(
         type=bpy.types.Object,
-        poll=_is_mesh,
+        poll=form.is_mesh,
         name="Source",
         description="The mesh that is morphed; the result keeps its vertices, faces and materials",
     )
     target: bpy.props.PointerProperty(
         type=bpy.types.Object,
-        poll=_is_mesh,
+        poll=form.is_mesh,
         name="Target",
         description="The shape to reach; it stays as it is",
     )

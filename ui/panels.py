@@ -11,9 +11,9 @@ import bpy
 from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.settings import specs
 from ..operators import dependencies
+from ..operators.form import changed_from_preset
 from ..operators.job import Job, JobOperator
 from ..operators.morph import chosen
-from ..operators.props import changed_from_preset
 from .figures import draw_figures, draw_sentence, parsed
 
 
