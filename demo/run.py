@@ -151,11 +151,11 @@ def main() -> int:
         paths = write(options, (source, target, result), report)
     finally:
         checkout.disable()
-    distance, error = report["after"]["surface_to_target"], report["error_against_known_correspondence"]
+    after, error = report["after"], report["error_against_known_correspondence"]
+    distance = after["target_to_surface"]  # the other way is zero: the last step lays nodes on the target
     print(f"Done in {report['wall_seconds']} s: {report['stop_reason']}.")
-    print(f"  to the target's surface   median {distance['median']:.3g}, max {distance['maximum']:.3g} mm")
-    print(f"  to each vertex's true place  median {error['median']:.3g}, 99 % {error['p99']:.3g} mm")
-    after = report["after"]
+    print(f"  target to result, surface   median {distance['median']:.3f}, max {distance['maximum']:.2f} mm")
+    print(f"  nodes to their true places  median {error['median']:.2f}, 99 % {error['p99']:.2f} mm")
     print(f"  flipped faces {after['flipped']}, self-intersections {after['self_intersecting']}")
     print("Written:")
     for path in paths:

@@ -46,7 +46,6 @@ def test_it_runs_in_a_blender_of_its_own(files, tmp_path):
     repository = tmp_path / "user" / "extensions" / "user_default"
     repository.mkdir(parents=True)
     (repository / "femors").symlink_to(ROOT)
-    blender = os.environ.get("FEMORS_BLENDER") or bpy.app.binary_path
     environment = os.environ | {
         "BLENDER_USER_RESOURCES": str(tmp_path / "user"),
         "PYTHONPATH": os.environ.get("FEMORS_SITE", ""),
@@ -54,7 +53,12 @@ def test_it_runs_in_a_blender_of_its_own(files, tmp_path):
 
     def run(*arguments: str) -> subprocess.CompletedProcess:
         return subprocess.run(
-            [blender, *arguments], env=environment, capture_output=True, text=True, timeout=300, check=False
+            [bpy.app.binary_path, *arguments],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
         )
 
     enabled = run("-b", "--factory-startup", "--python-exit-code", "1", "--python-expr", ENABLE)
