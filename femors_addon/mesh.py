@@ -59,7 +59,7 @@ class Surface:
     def moved(self, vertices: ArrayLike) -> Surface:
         """Return the same faces at other vertex positions (n, 3); topology caches are shared."""
         other = Surface(np.asarray(vertices), self.faces)
-        for name in ("edges", "edge_faces", "adjacency", "vertex_faces"):
+        for name in ("edges", "edge_faces", "border", "adjacency", "vertex_faces"):
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
         return other

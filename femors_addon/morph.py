@@ -213,6 +213,7 @@ def _run(
 ) -> Float:
     """Iterate on one level."""
     rest, aim = work.sources[stage.level], work.targets[stage.level]
+    rest.border  # noqa: B018  worked out once here, the moved surfaces share it
     target = Target.of(work.index, aim)
     mean = averaging(rest)
     share = None if weight is None else _spread_weights(work, rest, weight)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from .mesh import Float, Int, Surface, unit
 from .progress import Progress, silent
+from .triangles import Triangles, dot
 
 FIRST_NEIGHBOURS = 5  # vertices
 BLOCK_PAIRS = 250_000  # point-triangle pairs at a time: about 50 MB of temporaries
@@ -51,15 +52,16 @@ class SurfaceIndex:
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
-        self._triangles = _Triangles.of(surface.corners)
+        self._triangles = Triangles.of(surface.corners)
         sides = (surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3))
-        squared = np.max([_dot(side, side) for side in sides], axis=0)
+        squared = np.max([dot(side, side) for side in sides], axis=0)
         order = np.argsort(surface.faces.ravel(), kind="stable")
         self._faces_at = (order // 3).astype(np.int32)  # faces, vertex by vertex
         count = np.bincount(surface.faces.ravel(), minlength=len(surface.vertices))
         self._first = np.concatenate(([0], np.cumsum(count)))
         longest = np.zeros(len(surface.vertices))
         np.maximum.at(longest, surface.faces.ravel(), np.repeat(np.sqrt(squared), 3))
+        self._slack = longest**2 / 3.0
         used = np.flatnonzero(count)
         base = max(1.6 * float(np.median(longest[used])), 1e-300)
         octave = np.maximum(np.ceil(np.log2(np.maximum(longest[used], base) / base)), 0).astype(int)
@@ -67,7 +69,7 @@ class SurfaceIndex:
         for level in np.unique(octave):
             members = used[octave == level].astype(np.int32)
             tree = cKDTree(surface.vertices[members], balanced_tree=False)
-            self._classes.append((tree, members, float(longest[members].max() ** 2 / 3.0)))
+            self._classes.append((tree, members, float(self._slack[members].max())))
 
     def closest(self, points: ArrayLike, progress: Progress = silent) -> Closest:
         """Return the exact closest points to points (p, 3), all finite."""
@@ -92,7 +94,7 @@ class SurfaceIndex:
         progress: Progress,
     ) -> None:
         """Improve `found` (squared distance, face, barycentric) by the faces at one class of vertices."""
-        best, face, bary = found
+        best = found[0]
         open_points, seen = np.arange(len(points)), 0
         k = min(FIRST_NEIGHBOURS, len(members))
         while len(open_points):
@@ -103,25 +105,38 @@ class SurfaceIndex:
                 far, order = far.reshape(len(block), k) ** 2, order.reshape(len(block), k)
                 for columns in (slice(seen, seen + 1), slice(seen + 1, k)):
                     # the nearest vertex bounds what the others must beat
-                    close = far[:, columns] <= best[block][:, None] + slack
-                    pick, column = np.nonzero(close)
-                    self._improve(
-                        points, block[pick], members[order[:, columns][pick, column]], best, face, bary
-                    )
+                    vertex = members[order[:, columns]]
+                    close = far[:, columns] <= best[block][:, None] + self._slack[vertex]
+                    pick = np.nonzero(close)[0]
+                    vertex = vertex[close]
+                    # the faces at the nearest vertex come first, and not again with its neighbours
+                    tried = members[order[pick, 0]] if columns.start else None
+                    self._improve(points, block[pick], vertex, tried, found)
                 still.append(block[far[:, -1] <= best[block] + slack])
             if k == len(members):
                 return
             open_points, seen = np.concatenate(still), k
             k = min(4 * k, len(members))
 
-    def _improve(self, points: Float, row: Int, vertex: Int, best: Float, face: Int, bary: Float) -> None:
-        """Try the faces at vertex[i] for point row[i], rows ascending; keep what is closer."""
-        if not len(row):
-            return
+    def _improve(
+        self, points: Float, row: Int, vertex: Int, tried: Int | None, found: tuple[Float, Int, Float]
+    ) -> None:
+        """Try the faces at vertex[i], but for those at tried[i], for point row[i]; rows ascend."""
+        best, face, bary = found
         count = self._first[vertex + 1] - self._first[vertex]
+        part = np.cumsum(count) // (2 * BLOCK_PAIRS)
+        if len(part) and part[-1] > part[0]:  # a hub of very many faces
+            for one in np.split(np.arange(len(row)), np.flatnonzero(np.diff(part)) + 1):
+                self._improve(points, row[one], vertex[one], None if tried is None else tried[one], found)
+            return
         offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         ids = self._faces_at[np.repeat(self._first[vertex], count) + offset]
         row = np.repeat(row, count)
+        if tried is not None:
+            fresh = (self.surface.faces[ids] != np.repeat(tried, count)[:, None]).all(axis=1)
+            row, ids = row[fresh], ids[fresh]
+        if not len(row):
+            return
         distance, v, w = self._triangles.closest(points[row], ids)
         start = np.flatnonzero(np.concatenate(([True], row[1:] != row[:-1])))
         lowest = np.minimum.reduceat(distance, start)
@@ -189,70 +204,3 @@ class SurfaceIndex:
 def blocks(indices: Int, size: int) -> list[Int]:
     """Cut an index array into consecutive parts of at most `size`."""
     return [indices[start : start + size] for start in range(0, len(indices), size)]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Triangles:
-    """What the distance to each face needs, worked out once: corner a, edges ab and ac, their products."""
-
-    a: Float
-    ab: Float
-    ac: Float
-    ab2: Float
-    ac2: Float
-    abac: Float
-
-    @classmethod
-    def of(cls, corners: Float) -> _Triangles:
-        a, ab, ac = corners[:, 0].copy(), corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        return cls(a, ab, ac, _dot(ab, ab), _dot(ac, ac), _dot(ab, ac))
-
-    def closest(self, p: Float, ids: Int) -> tuple[Float, Float, Float]:
-        """Squared distance and weights (v of corner b, w of corner c) for pairs of point and face.
-
-        The foot of the perpendicular where it lies inside, else the best of the three edges; all in
-        dot products, so that a pair costs no more than three vectors. Squared distances carry
-        the rounding of |p - a|^2. A degenerate face gives the nearest point of its edges.
-        """
-        ap = p - self.a[ids]
-        d1, d2, ap2 = _dot(self.ab[ids], ap), _dot(self.ac[ids], ap), _dot(ap, ap)
-        ab2, ac2, abac = self.ab2[ids], self.ac2[ids], self.abac[ids]
-        det = ab2 * ac2 - abac * abac
-        vn, wn = ac2 * d1 - abac * d2, ab2 * d2 - abac * d1
-        inner = (vn > 0) & (wn > 0) & (vn + wn < det)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            v, w = vn / det, wn / det
-        distance = ap2 - v * d1 - w * d2
-        rows = np.flatnonzero(~inner)
-        if len(rows):
-            distance[rows], v[rows], w[rows] = _edges(
-                d1[rows], d2[rows], ap2[rows], ab2[rows], ac2[rows], abac[rows]
-            )
-        return np.maximum(distance, 0.0), v, w
-
-
-def _edges(
-    d1: Float, d2: Float, ap2: Float, ab2: Float, ac2: Float, abac: Float
-) -> tuple[Float, Float, Float]:
-    """Squared distance and weights of the closest point on the edges ab, ac and bc."""
-    s, t = _clamped(d1, ab2), _clamped(d2, ac2)
-    bc2 = ab2 + ac2 - 2.0 * abac
-    r = _clamped(d2 - d1 + ab2 - abac, bc2)
-    on_ab, on_ac = ap2 + s * (s * ab2 - 2.0 * d1), ap2 + t * (t * ac2 - 2.0 * d2)
-    on_bc = ap2 - 2.0 * d1 + ab2 + r * (r * bc2 - 2.0 * (d2 - d1 + ab2 - abac))
-    first = (on_ab <= on_ac) & (on_ab <= on_bc)
-    second = ~first & (on_ac <= on_bc)
-    distance = np.where(first, on_ab, np.where(second, on_ac, on_bc))
-    v = np.where(first, s, np.where(second, 0.0, 1.0 - r))
-    return distance, v, np.where(first, 0.0, np.where(second, t, r))
-
-
-def _clamped(along: Float, length: Float) -> Float:
-    """Parameter in [0, 1] of the foot on an edge; 0 on an edge without length."""
-    foot: Float = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
-    clamped: Float = np.clip(foot, 0.0, 1.0)
-    return clamped
-
-
-def _dot(a: Float, b: Float) -> Float:
-    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
