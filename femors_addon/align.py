@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from .mesh import Float, Surface
 from .progress import FemorsError, Progress, silent
@@ -59,6 +59,17 @@ def homogeneous(linear: Float, translation: Float) -> Float:
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = linear, translation
     return out
+
+
+def inverse(matrix: Float) -> Float:
+    """Return the inverse of an affine (4, 4) matrix, by cross products.
+
+    Closed form, for LAPACK's threads cost more than the work on a busy machine.
+    """
+    a, b, c = matrix[:3, :3].T
+    linear = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    linear /= a @ linear[0]
+    return homogeneous(linear, -linear @ matrix[:3, 3])
 
 
 # --- landmarks ------------------------------------------------------------------------------------
@@ -139,7 +150,7 @@ class _Pairs:
 
 
 def _pairs(matrix: Float, source: _Side, target: _Side, partial: str) -> _Pairs:
-    to_source = np.linalg.inv(matrix)
+    to_source = inverse(matrix)
     x, y, n, far = [], [], [], []
     turned = to_source[:3, :3]  # normals go by the inverse transpose; outward stays outward under a mirror
     if partial != "target":
@@ -211,7 +222,11 @@ def _step(pairs: _Pairs, kind: str) -> Float:
     system[np.diag_indices_from(system)] += 1e-12 * np.trace(system)
     theta = np.linalg.solve(system, right)
     linear = np.einsum("k,kab->ab", theta[:-3], basis)
-    linear = np.eye(3) + linear if kind == "affine" else expm(linear)
+    if kind == "affine":
+        linear = np.eye(3) + linear
+    else:
+        growth = 1.0 if kind == "rigid" else math.exp(theta[3])
+        linear = growth * Rotation.from_rotvec(theta[:3]).as_matrix()
     return homogeneous(linear, centre + scale * theta[-3:] - linear @ centre)
 
 
@@ -232,7 +247,9 @@ def icp(
         step = _step(pairs, kind)
         change = np.abs(transformed(step, pairs.x) - pairs.x).max()
         after = step @ matrix
-        if not np.isfinite(after).all() or abs(np.linalg.det(after[:3, :3])) < 1e-12:
+        if (
+            not np.isfinite(after).all() or np.linalg.det(step[:3, :3]) < 1e-6
+        ):  # collapses or turns inside out
             break
         matrix = after
         if change < tolerance:
@@ -269,7 +286,7 @@ def _turns() -> list[Float]:
             if np.linalg.det(turn) > 0:
                 cube.append(turn)
     cube.sort(key=lambda turn: -np.abs(np.trace(np.abs(turn))))
-    eighth = [expm(math.pi / 4 * axis) for axis in _TURNS]
+    eighth = [Rotation.from_rotvec(math.pi / 4 * axis).as_matrix() for axis in np.eye(3)]
     return cube + [half @ turn for half in eighth for turn in cube]
 
 
@@ -380,7 +397,7 @@ def align(
         points = transformed(start, landmarks[0])
         first = landmark_transform(points, landmarks[1], "rigid" if kind == "rigid" else "similarity")
     else:
-        own = np.linalg.inv(canonical)
+        own = inverse(canonical)
         first, mirrored = _choose_hand(ours, theirs, own, kind, partial, tolerance, fix_mirror, progress)
         warnings.extend(mirrored)
     progress(0.6, "alignment: rigid")

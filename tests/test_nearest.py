@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -271,3 +273,19 @@ def test_pseudonormals_point_outward_at_every_feature():
     found = index.closest([[2.0, 0.5, 0.4], [2.0, 2.0, 0.4], [2.0, 2.0, 2.0]])
     expected = np.array([[1, 0, 0], np.array([1, 1, 0]) / 2**0.5, np.array([1, 1, 1]) / 3**0.5])
     assert index.pseudonormals(found) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_hub_of_many_faces_does_not_fill_the_memory():
+    """A cap drawn as a fan: every point near its middle has all its faces to look at."""
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    rim = np.column_stack((np.cos(angle), np.sin(angle), 0 * angle))
+    fan = Surface(np.concatenate((rim, [[0, 0, 0]])), [(i, (i + 1) % 2000, 2000) for i in range(2000)])
+    points = np.random.default_rng(0).normal(size=(1500, 3)) * 0.1
+    tracemalloc.start()
+    try:
+        found = SurfaceIndex(fan).closest(points)
+        peak = tracemalloc.get_traced_memory()[1] / 1e6
+    finally:
+        tracemalloc.stop()
+    assert found.distance == pytest.approx(np.abs(points[:, 2]), abs=1e-5)
+    assert peak < 250.0
