@@ -24,6 +24,7 @@ from .reduce import reduced
 SAMPLE = 1500  # nodes that ICP works with
 SCOUTS = 250  # nodes that starts are compared with
 REFINED_STARTS = 10  # starts that are tried by ICP after the first look
+PLACES = 12  # parts of the whole that a partial mesh is laid on
 POINT_SHARE = 0.05  # weight of the point-to-point distance beside the point-to-plane distance
 TRIM = 0.8  # share of the pairs kept where one mesh is partial
 UNIT_FACTORS = (10.0, 25.4, 100.0, 304.8, 1000.0)
@@ -292,51 +293,66 @@ def _turns() -> list[Float]:
 
 def _starts(
     source: _Side, target: _Side, own: Float, scaled: bool, partial: str, mirror: Float
-) -> list[Float]:
-    """Candidate transforms: the user's own pose first, then principal axes laid onto each other."""
+) -> tuple[list[Float], int]:
+    """Candidate transforms, and how many places they lay the source on.
+
+    The user's own pose first, then principal axes onto each other, turn by turn and each turn at all
+    places: the whole mesh's own, or parts of it about as large as the partial mesh.
+    """
     mirrored = transformed(mirror, source.sample)
-    here, axes, size = _frame(mirrored)
-    there, target_axes, target_size = _frame(target.sample)
-    scale = target_size / size if scaled and partial == "none" else 1.0
-    out = [own @ mirror]
-    anchors = [(here, there)]
+    ours, theirs = _frame(mirrored), _frame(target.sample)
+    scale = theirs[2] / ours[2] if scaled and partial == "none" else 1.0
+    places = [(ours, theirs)]
     if partial == "source":
-        anchors += [(here, place) for place in _spread_out(target.sample, 8)]
+        places += [(ours, part) for part in _parts_like(target.sample, ours[2])]
     if partial == "target":
-        anchors += [(place, there) for place in _spread_out(mirrored, 8)]
-    for turn in _turns():
-        rotation = scale * target_axes @ turn @ axes.T
-        for place, goal in anchors:
-            out.append(homogeneous(rotation, goal - rotation @ place) @ mirror)
-    return out
+        places += [(part, theirs) for part in _parts_like(mirrored, theirs[2])]
+    out = [own @ mirror]
+    for turn in _turns() if partial == "none" else _turns()[:24]:
+        for (here, axes, _), (there, target_axes, _) in places:
+            rotation = scale * target_axes @ turn @ axes.T
+            out.append(homogeneous(rotation, there - rotation @ here) @ mirror)
+    return out, len(places)
 
 
-def _spread_out(nodes: Float, count: int) -> Float:
-    """Farthest-point sample of the nodes, pulled halfway to their centroid's nearest slice."""
-    chosen = [int(np.argmax(((nodes - nodes.mean(axis=0)) ** 2).sum(axis=1)))]
+def _parts_like(nodes: Float, size: float) -> list[tuple[Float, Float, float]]:
+    """Frames of parts of the nodes, around nodes that lie far apart, whose RMS radius is `size`."""
+    out = []
+    chosen = int(np.argmax(((nodes - nodes.mean(axis=0)) ** 2).sum(axis=1)))
     distance = np.full(len(nodes), np.inf)
-    for _ in range(min(count, len(nodes)) - 1):
-        distance = np.minimum(distance, ((nodes - nodes[chosen[-1]]) ** 2).sum(axis=1))
-        chosen.append(int(np.argmax(distance)))
-    reach = np.sqrt(np.maximum(distance.max(), np.finfo(float).tiny))
-    tree = cKDTree(nodes)
-    return np.array([nodes[tree.query_ball_point(nodes[i], reach)].mean(axis=0) for i in chosen])
+    for _ in range(PLACES):
+        square = ((nodes - nodes[chosen]) ** 2).sum(axis=1)
+        nearest = nodes[np.argsort(square, kind="stable")] - nodes[chosen]
+        count = np.arange(1, len(nodes) + 1)
+        mean = np.cumsum(nearest, axis=0) / count[:, None]
+        spread = np.cumsum((nearest**2).sum(axis=1)) / count - (mean**2).sum(axis=1)
+        enough = int(np.searchsorted(np.maximum.accumulate(spread), size**2))
+        out.append(_frame(nearest[: max(enough, 12)] + nodes[chosen]))
+        distance = np.minimum(distance, square)
+        chosen = int(np.argmax(distance))
+    return out
 
 
 def _best_start(
     source: _Side, target: _Side, own: Float, kind: str, partial: str, mirror: Float, tolerance: float
 ) -> tuple[Float, float]:
     """Compare the starts by one look, the best of them by ICP; return (transform, misfit)."""
-    starts = _starts(source, target, own, kind != "rigid", partial, mirror)
+    starts, places = _starts(source, target, own, kind != "rigid", partial, mirror)
     scouts, aims = source.thinned(SCOUTS), target.thinned(SCOUTS)
     first = np.array([_pairs(start, scouts, aims, partial).misfit for start in starts])
-    # the user's pose and the four flips always get their chance
-    always = list(range(min(5, len(starts)))) if partial == "none" else [0]
+    if partial == "none":  # the user's pose and the four flips always get their chance
+        always = list(range(min(5, len(starts))))
+    else:  # and the best turn at each place
+        always = [0] + [
+            1 + place + places * int(np.argmin(first[1 + place :: places])) for place in range(places)
+        ]
     chosen = dict.fromkeys(always + [int(i) for i in np.argsort(first, kind="stable")[:REFINED_STARTS]])
     tried = [icp(starts[i], scouts, aims, "rigid", partial, 25, tolerance * 10) for i in chosen]
     ranked = sorted(range(len(tried)), key=lambda i: tried[i][1])[:3]
-    loose = kind if partial == "none" else "rigid"
-    final = [icp(tried[i][0], scouts, aims, loose, partial, 25, tolerance * 10) for i in ranked]
+    if partial != "none":  # where parts look alike only the details tell
+        final = [icp(tried[i][0], source, target, "rigid", partial, 25, tolerance * 10) for i in ranked]
+    else:
+        final = [icp(tried[i][0], scouts, aims, kind, partial, 25, tolerance * 10) for i in ranked]
     return min(final, key=lambda found: found[1])
 
 
