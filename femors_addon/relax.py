@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from .correspond import FACING, at_border, interpolated_normals
+from .features import FeatureLines
 from .grnn import DisplacementField
 from .intersect import self_intersections
 from .mesh import Float, Int, Surface, unit
@@ -141,7 +142,7 @@ def settle(
     left : int
         Faces that are still folded over or cross others, though they did not in `aligned`.
     """
-    matching = ShapeMatching(rest)
+    matching, lines = ShapeMatching(rest), FeatureLines.between(rest, target.surface)
     share = 1.0 if weight is None else weight[:, None]
     mean = averaging(aligned)
     displacement = unfolded(aligned, displacement, mean, folded)[0]
@@ -152,7 +153,7 @@ def settle(
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
             positions = positions + share * SHAPE_STEP * matching.move(positions)
         if settings.projection > 0:
-            step = _to_target(aligned.moved(positions), target, settings)
+            step = _to_target(aligned.moved(positions), target, lines, settings)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
     progress(rounds / (rounds + 1), "checking for folded faces")
@@ -185,7 +186,7 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     return share[:, None] * step
 
 
-def _to_target(moved: Surface, target: SurfaceIndex, settings: MorphSettings) -> Float:
+def _to_target(moved: Surface, target: SurfaceIndex, lines: FeatureLines, settings: MorphSettings) -> Float:
     """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours."""
     found = target.closest(moved.vertices)
     normals = interpolated_normals(target.surface, found.face, found.barycentric)
@@ -199,6 +200,8 @@ def _to_target(moved: Surface, target: SurfaceIndex, settings: MorphSettings) ->
     if settings.partial != "target" and kept.any() and not kept.all():
         field = DisplacementField(moved.vertices[kept], step[kept], NEAR * moved.mean_edge)
         step[~kept] = field(moved.vertices[~kept])
+    nodes, points = lines.onto(moved.vertices)
+    step[nodes] = points - moved.vertices[nodes]
     return step
 
 
