@@ -20,6 +20,8 @@ def reduced(surface: Surface, nodes: int) -> Surface:
         return surface
     # Euler: about two faces a node; scaled from what the surface has, borders and all
     faces = max(int(len(surface.faces) * nodes / len(surface.vertices)), 8)
+    if faces >= len(surface.faces):
+        return surface
     low, high = surface.bounds
     centre, scale = (low + high) / 2, max(surface.diagonal, np.finfo(float).tiny)
     # works in single precision inside: give it numbers near one
