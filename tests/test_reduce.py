@@ -31,7 +31,7 @@ def test_the_shape_stays_with_fewer_nodes(bone, nodes, lost):
     assert small.mean_edge > bone.mean_edge
     distance = SurfaceIndex(bone).closest(small.vertices).distance
     assert distance.max() < 0.5 * small.mean_edge
-    assert np.median(distance) < 0.02 * small.mean_edge
+    assert np.median(distance) < 0.05 * small.mean_edge
     # outward, as what it was made of
     found = SurfaceIndex(bone).closest(small.corners.mean(axis=1))
     assert (np.einsum("ij,ij->i", small.face_normals, bone.face_normals[found.face]) > 0).mean() > 0.98
