@@ -26,6 +26,9 @@ RESULTS = (
     ("IN_PLACE", "In Place", "Move the vertices of the source itself"),
 )
 
+RESULT_OPTIONS = ("result", "vertex_group", "use_evaluated", "use_landmarks", "hide_target")
+"""Names of `result_properties`."""
+
 
 def setting_properties(
     cls: type, update: dict[str, Callable] | None = None, flags: frozenset[str] = FORM
@@ -87,8 +90,8 @@ def add_properties(*groups: dict[str, Any]) -> Callable[[type[T]], type[T]]:
     return decorate
 
 
-def result_properties(flags: frozenset[str] = FORM) -> dict[str, Any]:
-    """Return the options of a morph that concern Blender only."""
+def result_properties(flags: frozenset[str] = FORM, hide_target: bool = False) -> dict[str, Any]:
+    """Return the options of a morph that concern Blender only; they are `RESULT_OPTIONS`."""
     options = set(flags)
     return {
         "result": bpy.props.EnumProperty(
@@ -115,10 +118,21 @@ def result_properties(flags: frozenset[str] = FORM) -> dict[str, Any]:
             ),
             options=options,
         ),
+        "hide_target": bpy.props.BoolProperty(
+            name="Hide target afterwards",
+            description=(
+                "Hide the target in the viewport when the result is there: "
+                "two surfaces in one place flicker (Alt+H shows it again)"
+            ),
+            default=hide_target,
+            options=options,
+        ),
     }
 
 
-@add_properties(setting_properties(MorphSettings, {"preset": form.preset_chosen}), result_properties())
+@add_properties(
+    setting_properties(MorphSettings, {"preset": form.preset_chosen}), result_properties(hide_target=True)
+)
 class FEMORS_PG_scene(bpy.types.PropertyGroup):
     """The panel's form, `Scene.femors`."""
 

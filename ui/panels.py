@@ -137,6 +137,7 @@ def draw_options(layout: bpy.types.UILayout, form: Any) -> None:
     for name in ticks:
         column.prop(form, name)
     layout.prop(form, "result")
+    layout.prop(form, "hide_target")
 
 
 def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
