@@ -68,11 +68,12 @@ def setting_properties(
 
 
 def _float_display(default: float, unit: str) -> dict[str, Any]:
-    """Return how a number is shown; small defaults such as 1e-4 need more digits."""
+    """Return how a number is shown; small defaults such as 1e-4 need more digits.
+
+    Lengths are plain: with a unit, Blender would write 10 mm as "10 m" in a scene whose scale is 1.
+    """
     shown: dict[str, Any] = {"precision": 5 if 0 < abs(default) < 0.01 else 3}
-    if unit == "length":
-        shown["subtype"] = "DISTANCE"
-    elif unit == "angle":
+    if unit == "angle":
         shown["subtype"] = "ANGLE"
     return shown
 
