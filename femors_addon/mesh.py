@@ -45,7 +45,10 @@ class Surface:
     faces: Int
 
     def __post_init__(self) -> None:
-        for name, what in (("vertices", "(n, 3) positions"), ("faces", "(m, 3) vertex indices; triangulate()")):
+        for name, what in (
+            ("vertices", "(n, 3) positions"),
+            ("faces", "(m, 3) vertex indices; triangulate()"),
+        ):
             given = np.asarray(getattr(self, name))
             if given.size and (given.ndim != 2 or given.shape[1] != 3):
                 raise FemorsError(f"{name} must be {what}, not an array of shape {given.shape}")

@@ -106,6 +106,7 @@ def morph(
         left,
         tuple(warnings),
         part(progress, 0.88, 1.0),
+        weighted=weights is not None,
     )
     return dataclasses.replace(result, seconds=time.process_time() - started)
 
