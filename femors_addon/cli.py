@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 import tomllib
-import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from . import files, landmarkfiles, meshfiles
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
+from .intersect import self_intersections
+from .mesh import Surface, clean
 from .morph import MorphResult, morph
 from .morph_settings import PRESETS, MorphSettings
 from .progress import FemorsError
@@ -25,8 +29,8 @@ EXIT_CODES = """exit codes:
   1    the result is written, but the morph did not converge, or the result has flipped
        faces or self-intersections that the source had not; the reason is on stderr
   2    bad input or usage: one line on stderr, nothing is written
-  3    a defect of FEMORS: a traceback to be reported, nothing is written
-  130  interrupted (Ctrl-C), nothing is written
+  3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
+  130  interrupted (Ctrl-C); the last line says if anything is written
 """
 
 
@@ -54,9 +58,11 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
     try:
         parser = _parser(prog)
         try:
-            args = parser.parse_args(argv)
+            args, unknown = parser.parse_known_args(argv)
         except SystemExit as stop:  # --help and --version end so
             return int(stop.code or 0)
+        if unknown:  # the help of the command that was meant is the one to look at
+            getattr(args, "parser", parser).error(f"unrecognized arguments: {' '.join(unknown)}")
         if args.command is None:
             parser.error(f"a command is needed: {', '.join(command.name for command in COMMANDS)}")
         console = Console(args.quiet)
@@ -68,17 +74,20 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
         console.warn("not enough memory for meshes of this size; reduce them first")
         return REFUSED
     except KeyboardInterrupt:
-        console.warn("interrupted; nothing is written")
+        console.warn(f"interrupted; {_state(console)}")
         return INTERRUPTED
     except Exception:
         console.end_progress()
-        traceback.print_exc(file=console.err)
-        console.warn(
-            "this is a defect of FEMORS, and nothing is written; please report it with the lines above"
+        console.warn_of_defect(
+            f"this is a defect of FEMORS, and {_state(console)}; please report it with the lines above"
         )
         return DEFECT
     finally:
-        console.end_progress()
+        console.close()
+
+
+def _state(console: Console) -> str:
+    return "the result is written" if console.written else "nothing is written"
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
@@ -104,7 +113,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             action="store_true",
             help="no progress, notes or summary; reasons for codes 1 and 2 only",
         )
-        sub.set_defaults(command=command)
+        sub.set_defaults(command=command, parser=sub)
     return parser
 
 
@@ -148,16 +157,21 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     files.check_writable(*outputs)
     pairs = _landmarks(landmarks)
     source, target = meshfiles.read(args.source), meshfiles.read(args.target)
-    result = morph(
-        source.surface(),
-        target.surface(),
-        settings,
-        console.progress,
-        source_landmarks=pairs[0],
-        target_landmarks=pairs[1],
-    )
+    surface = source.surface()
+    try:
+        result = morph(
+            surface,
+            target.surface(),
+            settings,
+            console.progress,
+            source_landmarks=pairs[0],
+            target_landmarks=pairs[1],
+        )
+    except FemorsError as error:
+        raise FemorsError(_with_file(str(error), args)) from None
+    result = dataclasses.replace(result, warnings=tuple(_with_file(text, args) for text in result.warnings))
     console.end_progress()
-    faults = _faults(result)
+    faults = _faults(result, surface)
     with files.replacing(*outputs) as new:
         paths = dict(zip(outputs, new, strict=True))
         paths[args.out].write_bytes(meshfiles.encoded(args.out, source.with_vertices(result.vertices)))
@@ -165,6 +179,7 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
             paths[args.report].write_text(_report(args, result, faults), encoding="utf-8")
         if args.field is not None:
             result.save_field(paths[args.field])
+    console.written = True
     if not args.quiet:
         for warning in result.warnings:
             console.warn(f"note: {warning}")
@@ -183,12 +198,22 @@ def _landmarks(paths: list[str]) -> tuple[Any, Any]:
     return landmarkfiles.paired(*map(landmarkfiles.read, paths))
 
 
-def _faults(result: MorphResult) -> list[str]:
+def _with_file(text: str, args: argparse.Namespace) -> str:
+    """Name the file in a message of the core about the "source" or the "target"."""
+    for role in ("source", "target"):
+        if text.startswith(f"{role}: "):
+            return getattr(args, role) + text[len(role) :]
+    return text
+
+
+def _faults(result: MorphResult, source: Surface) -> list[str]:
     """Return why a result is not to be trusted blindly, in words."""
     faults = [] if result.converged else [result.stop_reason]
     if result.after.flipped:
         faults.append(f"{result.after.flipped} faces of the result are flipped")
-    before, after = result.before.self_intersecting, result.after.self_intersecting
+    after = result.after.self_intersecting
+    # of the source itself: its aligned positions are rounded, and faces that touch may then cross
+    before = after and len(np.unique(self_intersections(clean(source.vertices, source.faces).surface)))
     if after > before:
         faults.append(f"{after} faces of the result cross others of it, and {before} did in the source")
     return faults
