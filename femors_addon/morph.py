@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from . import settings as declared
 from .align import Alignment, align, transformed
-from .correspond import Target, Vectors, by_nearest, by_surface, shortened
+from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
@@ -235,7 +235,8 @@ def _run(
             break
         asked = vectors.displacements if published else shortened(vectors.displacements, iteration.spread)
         field = DisplacementField(vectors.centres, asked, iteration.spread)
-        step = stage.step_scale * field(moved.vertices)
+        given = widening(field, moved.vertices) if settings.partial == "target" else field(moved.vertices)
+        step = stage.step_scale * given
         after = slide(moved, displacement + step, mean, settings.sliding)
         step = (after - displacement) if share is None else share[:, None] * (after - displacement)
         if rest is work.aligned:
