@@ -16,8 +16,8 @@ TABLE = (
     ("Source to target", "surface_to_target", ("median", "p99", "maximum")),
 )
 SHAPE = (
-    ("Aspect ratio, median", "aspect", "median"),
-    ("Aspect ratio, max", "aspect", "maximum"),
+    ("Aspect, median", "aspect", "median"),
+    ("Aspect, max", "aspect", "maximum"),
     ("Dihedral, median", "dihedral", "median"),
     ("Dihedral, 99 % (°)", "dihedral", "p99"),
 )
