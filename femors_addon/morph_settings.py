@@ -78,7 +78,7 @@ class MorphSettings:
     levels: int = setting(
         2,
         "Reduced levels",
-        "Reduced meshes worked on before the dense one",
+        "Reduced meshes worked on before the dense one, at least; very dense meshes take more",
         minimum=0,
         maximum=6,
         advanced=True,
