@@ -243,7 +243,7 @@ def _run(
         step = stage.step_scale * given
         after = slide(moved, displacement + step, mean, settings.sliding)
         step = (after - displacement) if share is None else share[:, None] * (after - displacement)
-        if not published:
+        if rest is work.aligned:
             step = guarded(rest, displacement, step, mean)
         displacement = displacement + step
         largest = float(np.sqrt(np.max(np.sum(step**2, axis=1))))

@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse import csgraph
-from scipy.sparse.linalg import splu
 
 from .correspond import FACING, at_border, interpolated_normals
 from .features import FeatureLines
@@ -23,8 +21,7 @@ SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
 SHAPE_STEP = 0.8
 FLOOR = 0.02  # weight of a face without distortion, where one that is badly distorted has one
-PATCHES = (1, 2, 3, 4, 6, 8, 12, 16)  # edges around a bad face, one attempt after the other
-LAST_PATCHES = PATCHES[:4]  # the same at the very end, where nothing lays a patch onto the target again
+PATCHES = (1, 1, 2, 2, 3, 3, 4)  # edges around a bad face, one attempt after the other
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
@@ -148,7 +145,7 @@ def settle(
     matching, lines = ShapeMatching(rest), FeatureLines.between(rest, target.surface)
     share = 1.0 if free is None else free[:, None]
     mean = averaging(aligned)
-    displacement = unfolded(aligned, displacement, mean, folded, free, PATCHES)[0]
+    displacement = unfolded(aligned, displacement, mean, folded, free)[0]
     rounds = settings.relaxation + (settings.projection > 0)
     for number in range(rounds):
         progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
@@ -222,7 +219,6 @@ def unfolded(
     mean: sparse.csr_matrix,
     judge: Callable[[Surface, Surface], Int],
     free: Float | None = None,
-    patches: tuple[int, ...] = LAST_PATCHES,
 ) -> tuple[Float, int]:
     """Mend faces that fold over or cross others, by as little as helps.
 
@@ -239,7 +235,7 @@ def unfolded(
         Bad faces in it.
     """
     best, fewest, current = displacement, len(reference.faces) + 1, displacement
-    for rings in (*patches, 0):
+    for rings in (*PATCHES, 0):
         moved = reference.moved(reference.vertices + current)
         faces = folded(reference, moved)
         if not len(faces) or not rings:
@@ -255,21 +251,15 @@ def unfolded(
 def _harmonic(
     displacement: Float, nodes: Int, mean: sparse.csr_matrix, rings: int, free: Float | None
 ) -> Float:
-    """Replace the displacement within `rings` edges of the nodes by the mean of its neighbours, exactly."""
+    """Replace the displacement within `rings` edges of the nodes by the mean of its neighbours."""
     inside = np.zeros(len(displacement), dtype=bool)
     inside[nodes] = True
     for _ in range(rings - 1):
         inside |= mean @ inside.astype(float) > 0
     if free is not None:
         inside &= free > 0
-    # a piece with nothing around it to hold on to stays as it is
     rows = mean[np.flatnonzero(inside)]
-    held = np.asarray(rows[:, ~inside].sum(axis=1)).ravel() > 0
-    _, piece = csgraph.connected_components(rows[:, inside], directed=False)
-    inside[inside] = np.isin(piece, piece[held])
     out = displacement.copy()
-    if inside.any():
-        rows = mean[np.flatnonzero(inside)]
-        system = (sparse.identity(int(inside.sum())) - rows[:, inside]).tocsc()
-        out[inside] = splu(system).solve(rows[:, ~inside] @ displacement[~inside])
+    for _ in range(4 * rings * rings):
+        out[inside] = rows @ out
     return out
