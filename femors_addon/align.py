@@ -93,9 +93,10 @@ def landmark_transform(source: ArrayLike, target: ArrayLike, kind: str = "simila
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise FemorsError("landmarks have coordinates that are not finite")
     ca, cb = a.mean(axis=0), b.mean(axis=0)
-    spread = np.linalg.svd(a - ca, compute_uv=False)
-    if spread[1] < 1e-6 * max(spread[0], np.finfo(float).tiny):
-        raise FemorsError("the landmarks lie on one line; choose at least one beside it")
+    spread, other = (np.linalg.svd(points, compute_uv=False) for points in (a - ca, b - cb))
+    for name, widths in (("source", spread), ("target", other)):
+        if widths[1] < 1e-6 * max(widths[0], np.finfo(float).tiny):
+            raise FemorsError(f"the {name}'s landmarks lie on one line; choose at least one beside it")
     if kind == "affine" and len(a) >= 5 and spread[2] > 0.02 * spread[0]:
         linear = np.linalg.lstsq(a - ca, b - cb, rcond=None)[0].T
         return homogeneous(linear, cb - linear @ ca)
@@ -443,7 +444,7 @@ def _choose_hand(
     progress(0.3, "alignment: mirror image")
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
     other, other_misfit = _best_start(ours, theirs, own, kind, partial, mirror, tolerance)
-    if other_misfit > MIRROR_MARGIN * misfit:
+    if misfit <= tolerance or other_misfit > MIRROR_MARGIN * misfit:
         return first, []
     better = 100 * (1 - other_misfit / misfit)
     words = f"the source's mirror image fits the target better by {better:.0f} % (left against right?)"
