@@ -28,6 +28,7 @@ PLACES = 12  # parts of the whole that a partial mesh is laid on
 POINT_SHARE = 0.05  # weight of the point-to-point distance beside the point-to-plane distance
 TRIM = 0.8  # share of the pairs kept where one mesh is partial
 UNIT_FACTORS = (10.0, 25.4, 100.0, 304.8, 1000.0)
+GROWTH = 0.5  # logarithm of the scale that one step of ICP may take
 MIRROR_MARGIN = 0.85  # a mirrored fit must be better by this factor to be spoken of
 
 
@@ -227,7 +228,7 @@ def _step(pairs: _Pairs, kind: str) -> Float:
     if kind == "affine":
         linear = np.eye(3) + linear
     else:
-        growth = 1.0 if kind == "rigid" else math.exp(theta[3])
+        growth = 1.0 if kind == "rigid" else math.exp(min(max(theta[3], -GROWTH), GROWTH))
         linear = growth * Rotation.from_rotvec(theta[:3]).as_matrix()
     return homogeneous(linear, centre + scale * theta[-3:] - linear @ centre)
 
@@ -357,11 +358,17 @@ def _best_start(
     return min(final, key=lambda found: found[1])
 
 
-def unit_factor(source: Surface, target: Surface) -> float | None:
-    """Return the factor that would bring the source to the target's unit, if one seems needed."""
+def unit_factor(source: Surface, target: Surface, partial: str = "none") -> float | None:
+    """Return the factor that would bring the source to the target's unit, if one seems needed.
+
+    A part may well be a tenth of the whole: where one mesh is partial the sizes must differ more.
+    """
     ratio = _frame(target.vertices)[2] / _frame(source.vertices)[2]
-    if 0.25 < ratio < 4.0:
+    alike = 4.0 if partial == "none" else 60.0
+    if 1.0 / alike < ratio < alike:
         return None
+    if partial != "none":
+        return 1000.0 if ratio > 1.0 else 0.001
     known = [f for factor in UNIT_FACTORS for f in (factor, 1.0 / factor)]
     factor = min(known, key=lambda f: abs(math.log(ratio / f)))
     return factor if abs(math.log(ratio / factor)) < math.log(2.0) else None
@@ -395,12 +402,15 @@ def align(
     """
     warnings: list[str] = []
     start = np.eye(4)
-    factor = unit_factor(source, target) if partial == "none" else None
+    factor = unit_factor(source, target, partial)
     if factor is not None:
         words = f"the source seems to be in another unit: {factor:g} times its size would fit the target"
-        warnings.append(words + (", and was applied" if fix_units else "; tick Convert units to apply it"))
         if fix_units:
+            warnings.append(words + ", and was applied")
             start = np.diag([factor, factor, factor, 1.0])
+        else:  # to scale it all the same would be to convert the unit unasked
+            warnings.append(words + "; tick Convert units to apply it (it was not scaled)")
+            kind = "none" if kind == "none" else "rigid"
     if kind == "none":
         return Alignment(start, _misfit(start, source, target, partial), tuple(warnings))
     progress(0.0, "alignment: samples")

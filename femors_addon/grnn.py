@@ -40,6 +40,7 @@ LN2 = math.log(2.0)
 TOLERANCE = 1e-4
 CUT = 3.9
 REACHES = (1.3, 3.0, 6.0)  # spreads to the nearest centre: the classes of queries
+WIDEST = 3.0  # cut-off lengths that a cell may measure: single precision bears no more
 CELL_FILL = 6  # centres a cell, at least, on average
 GRID_PER_SIGMA = 3.2
 GRID_CELLS = 3_000_000
@@ -87,8 +88,9 @@ class DisplacementField:
     def __call__(self, points: ArrayLike, progress: Progress = silent) -> Float:
         """Return the displacement (p, 3) at points (p, 3), within `TOLERANCE` of the definition.
 
-        The bound is relative to the largest displacement, for centres spread over surfaces or
-        volumes without gaps wider than the spread; elsewhere the far rule is exact.
+        The bound is relative to the largest displacement, and holds where centres are spread evenly
+        over surfaces or volumes, near or far. Beside a centre that is alone, thousands of others four
+        spreads away may weigh more than the cut-off allows for: `exact` bears that, too.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if len(points) * len(self.centres) <= BLOCK // 8:
@@ -212,6 +214,7 @@ class _Cells:
     @classmethod
     def of(cls, centres: Float, size: float) -> _Cells:
         low = centres.min(axis=0)
+        widest = WIDEST * size
         # never more cells than a 64-bit key can count
         size = max(size, float(np.ptp(centres, axis=0).max()) / 1e5)
         while True:
@@ -221,7 +224,8 @@ class _Cells:
             order = np.argsort(keys, kind="stable")
             keys = keys[order]
             # a cell costs a few calls: fewer, fuller cells are cheaper where the spread is tiny
-            if np.count_nonzero(np.diff(keys)) * CELL_FILL < len(keys):
+            full = np.count_nonzero(np.diff(keys)) * CELL_FILL < len(keys)
+            if full or size > widest:
                 return cls(size, low, (nx, ny, nz), keys, order)
             size *= 1.5
 

@@ -45,6 +45,15 @@ class Surface:
     faces: Int
 
     def __post_init__(self) -> None:
+        for name, what in (
+            ("vertices", "(n, 3) positions"),
+            ("faces", "(m, 3) vertex indices; triangulate()"),
+        ):
+            given = np.asarray(getattr(self, name))
+            if given.size and (given.ndim != 2 or given.shape[1] != 3):
+                raise FemorsError(f"{name} must be {what}, not an array of shape {given.shape}")
+        if np.asarray(self.faces).size and not np.issubdtype(np.asarray(self.faces).dtype, np.integer):
+            raise FemorsError("faces must be whole numbers: indices of vertices")
         object.__setattr__(self, "vertices", frozen(self.vertices, np.float64, 3))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32, 3))
         bad = ~np.isfinite(self.vertices).all(axis=1)

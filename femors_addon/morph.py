@@ -27,7 +27,7 @@ from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
 from .reduce import pyramid
-from .relax import averaging, guarded, settle, slide
+from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
 from .schedule import CARRY, Stage, node_counts, stages
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
@@ -79,10 +79,16 @@ def morph(
     )
     work = _Work.begun(ours, theirs, settings, _paired(source_landmarks, target_landmarks), progress)
     weight = _clean_weights(weights, ours, len(source.vertices))
-    displacement, history = _deform(work, weight, settings, part(progress, 0.25, 0.7))
+    # whatever may move at all is morphed as a whole, and takes its share of it in the end
+    free = None if weight is None else (weight > 0).astype(float)
+    displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7))
     displacement, left = settle(
-        work.rest, work.aligned, displacement, work.index, weight, settings, part(progress, 0.7, 0.88)
+        work.rest, work.aligned, displacement, work.index, free, settings, part(progress, 0.7, 0.88)
     )
+    if weight is not None:
+        displacement, left = unfolded(
+            work.aligned, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
+        )
     spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
     field = DisplacementField(work.aligned.vertices, displacement, spread)
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
@@ -100,6 +106,7 @@ def morph(
         left,
         tuple(warnings),
         part(progress, 0.88, 1.0),
+        weighted=weights is not None,
     )
     return dataclasses.replace(result, seconds=time.process_time() - started)
 
@@ -172,25 +179,25 @@ def _clean_weights(weights: ArrayLike | None, ours: Cleaned, count: int) -> Floa
 
 
 def _deform(
-    work: _Work, weight: Float | None, settings: MorphSettings, progress: Progress
+    work: _Work, free: Float | None, settings: MorphSettings, progress: Progress
 ) -> tuple[Float, list[Step]]:
     """Run all stages; return the displacement of the dense mesh (n, 3) and the history."""
     edges = [max(s.mean_edge, t.mean_edge) for s, t in zip(work.sources, work.targets, strict=True)]
     plan = stages(settings, edges, work.size)
     history: list[Step] = []
     level, displacement = 0, np.zeros_like(work.sources[0].vertices)
+
+    def to_level(there: int) -> Float:
+        if there == level:
+            return displacement
+        carried = _carried(work, level, there, displacement, edges, settings)
+        return carried if free is None else carried * _at_level(work, there, free)[:, None]
+
     for number, stage in enumerate(plan):
-        if stage.level != level:
-            displacement = _carried(work, level, stage.level, displacement, edges, settings)
-            level = stage.level
+        level, displacement = stage.level, to_level(stage.level)
         reporter = part(progress, number / len(plan), (number + 1) / len(plan))
-        displacement = _run(work, stage, displacement, weight, settings, history, reporter)
-    dense = len(work.sources) - 1
-    if level != dense:
-        displacement = _carried(work, level, dense, displacement, edges, settings)
-    if weight is not None and not any(stage.level == dense for stage in plan):
-        displacement = displacement * weight[:, None]
-    return displacement, history
+        displacement = _run(work, stage, displacement, free, settings, history, reporter)
+    return to_level(len(work.sources) - 1), history
 
 
 def _carried(
@@ -206,17 +213,17 @@ def _run(
     work: _Work,
     stage: Stage,
     displacement: Float,
-    weight: Float | None,
+    free: Float | None,
     settings: MorphSettings,
     history: list[Step],
     progress: Progress,
 ) -> Float:
-    """Iterate on one level."""
+    """Iterate on one level; `free` (n,) is 1 for the dense nodes that may move, else 0."""
     rest, aim = work.sources[stage.level], work.targets[stage.level]
     rest.border  # noqa: B018  worked out once here, the moved surfaces share it
     target = Target.of(work.index, aim)
     mean = averaging(rest)
-    share = None if weight is None else _spread_weights(work, rest, weight)
+    share = None if free is None else _at_level(work, stage.level, free)
     calm, count = False, len(stage.iterations)
     published = settings.correspondence == "nearest"
     for number, iteration in enumerate(stage.iterations):
@@ -252,8 +259,8 @@ def _vectors(
     return by_nearest(moved, aim, normal_weight, partial)
 
 
-def _spread_weights(work: _Work, rest: Surface, weight: Float) -> Float:
-    """The dense mesh's weights at a level's nodes: those of the nearest dense node."""
-    if len(rest.vertices) == len(weight):
-        return weight
-    return weight[cKDTree(work.aligned.vertices).query(rest.vertices)[1]]
+def _at_level(work: _Work, level: int, free: Float) -> Float:
+    """Values of the dense nodes (n,) at a level's nodes: those of the nearest dense node."""
+    if level == len(work.sources) - 1:
+        return free
+    return free[cKDTree(work.aligned.vertices).query(work.sources[level].vertices)[1]]

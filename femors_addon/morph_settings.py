@@ -210,7 +210,5 @@ PRESETS: dict[str, MorphSettings] = {
     "gross": MorphSettings(
         preset="gross", fine_iterations=3, dense_iterations=0, projection=0.0, relaxation=0
     ),
-    "fine": MorphSettings(
-        preset="fine", levels=3, iterations=40, fine_iterations=16, dense_iterations=4, relaxation=8
-    ),
+    "fine": MorphSettings(preset="fine", levels=3, fine_iterations=20, dense_iterations=4, relaxation=1),
 }

@@ -121,7 +121,7 @@ def settle(
     aligned: Surface,
     displacement: Float,
     target: SurfaceIndex,
-    weight: Float | None,
+    free: Float | None,
     settings: MorphSettings,
     progress: Progress,
 ) -> tuple[Float, int]:
@@ -133,8 +133,8 @@ def settle(
         The source as it was, for the shapes of its elements, and as the displacement starts from.
     displacement : (n, 3) float64
         What the iterations have found.
-    weight : (n,) float64 or None
-        Share of each node's movement that is taken.
+    free : (n,) float64 or None
+        1 for the nodes that may move, 0 for those that stay as `displacement` has them.
 
     Returns
     -------
@@ -143,9 +143,9 @@ def settle(
         Faces that are still folded over or cross others, though they did not in `aligned`.
     """
     matching, lines = ShapeMatching(rest), FeatureLines.between(rest, target.surface)
-    share = 1.0 if weight is None else weight[:, None]
+    share = 1.0 if free is None else free[:, None]
     mean = averaging(aligned)
-    displacement = unfolded(aligned, displacement, mean, folded)[0]
+    displacement = unfolded(aligned, displacement, mean, folded, free)[0]
     rounds = settings.relaxation + (settings.projection > 0)
     for number in range(rounds):
         progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
@@ -157,7 +157,7 @@ def settle(
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
     progress(rounds / (rounds + 1), "checking for folded faces")
-    return unfolded(aligned, displacement, mean, bad_faces)
+    return unfolded(aligned, displacement, mean, bad_faces, free)
 
 
 def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.csr_matrix) -> Float:
@@ -218,13 +218,14 @@ def unfolded(
     displacement: Float,
     mean: sparse.csr_matrix,
     judge: Callable[[Surface, Surface], Int],
+    free: Float | None = None,
 ) -> tuple[Float, int]:
     """Mend faces that fold over or cross others, by as little as helps.
 
     Around each bad face the displacement is replaced by the harmonic one that its surroundings ask
     for, in a patch that grows until the face is well: far enough out, the patch moves as one.
     `judge` names the bad faces of a reference and a moved surface; where folds alone do not end it, it
-    is asked once they are gone: `bad_faces` costs more than `folded`.
+    is asked once they are gone: `bad_faces` costs more than `folded`. Nodes whose `free` is 0 stay.
 
     Returns
     -------
@@ -243,16 +244,20 @@ def unfolded(
             best, fewest = current, len(faces)
         if not len(faces) or not rings:
             break
-        current = _harmonic(current, reference.faces[faces].ravel(), mean, rings)
+        current = _harmonic(current, reference.faces[faces].ravel(), mean, rings, free)
     return best, fewest
 
 
-def _harmonic(displacement: Float, nodes: Int, mean: sparse.csr_matrix, rings: int) -> Float:
+def _harmonic(
+    displacement: Float, nodes: Int, mean: sparse.csr_matrix, rings: int, free: Float | None
+) -> Float:
     """Replace the displacement within `rings` edges of the nodes by the mean of its neighbours."""
     inside = np.zeros(len(displacement), dtype=bool)
     inside[nodes] = True
     for _ in range(rings - 1):
         inside |= mean @ inside.astype(float) > 0
+    if free is not None:
+        inside &= free > 0
     rows = mean[np.flatnonzero(inside)]
     out = displacement.copy()
     for _ in range(4 * rings * rings):

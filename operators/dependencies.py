@@ -19,8 +19,8 @@ def missing() -> str:
     if not names:
         return ""
     return (
-        f"{' and '.join(names)} not found in Blender's Python: install FEMORS from its zip for this platform "
-        "(Preferences, Get Extensions, Install from Disk), which contains them, then restart Blender"
+        f"{' and '.join(names)} not found in Blender's Python: install with pip as README.md says under "
+        "'Install in Blender', then restart Blender"
     )
 
 

@@ -145,12 +145,28 @@ class JobOperator:
         except Exception as error:
             return self._failed(error)
         self._job = JobOperator.current = job
-        job.start(context)
-        context.window_manager.modal_handler_add(self)
+        try:
+            job.start(context)
+            context.window_manager.modal_handler_add(self)
+        except Exception as error:
+            close_current()
+            return self._failed(error)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Look at the job on each tick; everything but Esc passes through to Blender."""
+        """Look at the job on each tick; every ending, also an unexpected one, closes the job."""
+        answer: set[str] = set()
+        try:
+            answer = self._look(context, event)
+        except Exception as error:
+            answer = self._failed(error)
+        finally:
+            if not answer & {"RUNNING_MODAL", "PASS_THROUGH"} and self._job is JobOperator.current:
+                close_current()
+        return answer
+
+    def _look(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Answer one event; everything but Esc passes through to Blender."""
         job = self._job
         if job is None or job.closed:  # a file was loaded, or the extension switched off
             return {"CANCELLED"}

@@ -16,7 +16,7 @@ from ..femors_addon.settings import check, specs
 from . import dependencies, result, scene
 from .form import fill_from_preset, read_settings
 from .job import Compute, JobOperator
-from .props import ARGUMENT, add_properties, result_properties, setting_properties
+from .props import ARGUMENT, RESULT_OPTIONS, add_properties, result_properties, setting_properties
 
 DISTANCE = "femors_surface_distance"
 DISPLACEMENT = "femors_displacement"
@@ -81,7 +81,7 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
             if not self.properties.is_property_set(name) and item is not None:
                 setattr(self, name, item.name)
                 setattr(form, name, item)  # the result will be selected, the pair stays
-        for name in ("result", "vertex_group", "use_evaluated", "use_landmarks", *specs(MorphSettings)):
+        for name in (*RESULT_OPTIONS, *specs(MorphSettings)):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(form, name))
         return self.run_modal(context)
@@ -112,36 +112,44 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         )
 
     def apply(self, context: bpy.types.Context, morphed: Any) -> tuple[str, str]:
-        """Write the shape, its figures and its attributes; everything that can fail comes first."""
+        """Write the shape, its figures and its attributes; what can be refused is refused first."""
         source = scene.unchanged(context, self._source)
-        scene.unchanged(context, self._target)
+        target = scene.unchanged(context, self._target)
         result.check_writable(source, self.result, self.use_evaluated)
         local = self._source.to_local(morphed.vertices)
         report = json.dumps({"source": self._source.name, "target": self._target.name, **morphed.report()})
         inside_out = float(np.linalg.det(morphed.transform[:3, :3])) < 0
-        note = ""
+        if inside_out and self.result == "SHAPE_KEY":
+            raise FemorsError(
+                f"'{source.name}' was mirrored, and a shape key cannot turn its faces, "
+                "which would point inward: choose New Object or In Place"
+            )
+        attributes = {DISTANCE: morphed.surface_distance, DISPLACEMENT: morphed.displacement}
+        item, note = source, ""
         if self.result == "NEW":
             name = f"{source.name} morphed to {self._target.name}"
-            item = result.new_object(context, source, self._source, local, name, inside_out)
+            item = result.new_object(context, source, self._source, local, attributes, name, inside_out)
+        elif self.result == "SHAPE_KEY":
+            note = result.shape_key(source, local, attributes, self._target.name)
         else:
-            item = source
-            if self.result == "SHAPE_KEY":
-                note = result.shape_key(source, local, self._target.name)
-            else:
-                note = result.in_place(source, local, inside_out)
-        result.point_attribute(item.data, DISTANCE, morphed.surface_distance)
-        result.point_attribute(item.data, DISPLACEMENT, morphed.displacement)
+            note = result.in_place(source, local, attributes, inside_out)
         item.femors.report = report
+        if self.hide_target and target.visible_get():
+            target.hide_set(True)
         return self._line(item, morphed, note)
 
     def _line(self, item: bpy.types.Object, morphed: Any, note: str) -> tuple[str, str]:
-        """Return the report's level and text."""
+        """Return the report's level and text.
+
+        The distance is that from the target: the other one is nothing where vertices are laid onto it.
+        """
         after = morphed.after
-        distance = after.surface_to_target
+        part = morphed.settings.partial == "source"  # much of the target then has no counterpart
+        word, distance = ("to", after.surface_to_target) if part else ("from", after.target_to_surface)
         figures = (distance.median, distance.p99, distance.maximum)
         median, p99, most = (f"{x:.3g}" if abs(x) > NOTHING else "0" for x in figures)
         line = (
-            f"'{item.name}': distance to '{self._target.name}' median {median}, 99 % {p99}, max {most}; "
+            f"'{item.name}': distance {word} '{self._target.name}': median {median}, 99 % {p99}, max {most}; "
             f"{morphed.stop_reason}{note}"
         )
         faults = [*morphed.warnings]

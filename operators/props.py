@@ -26,6 +26,9 @@ RESULTS = (
     ("IN_PLACE", "In Place", "Move the vertices of the source itself"),
 )
 
+RESULT_OPTIONS = ("result", "vertex_group", "use_evaluated", "use_landmarks", "hide_target")
+"""Names of `result_properties`."""
+
 
 def setting_properties(
     cls: type, update: dict[str, Callable] | None = None, flags: frozenset[str] = FORM
@@ -65,11 +68,12 @@ def setting_properties(
 
 
 def _float_display(default: float, unit: str) -> dict[str, Any]:
-    """Return how a number is shown; small defaults such as 1e-4 need more digits."""
+    """Return how a number is shown; small defaults such as 1e-4 need more digits.
+
+    Lengths are plain: with a unit, Blender would write 10 mm as "10 m" in a scene whose scale is 1.
+    """
     shown: dict[str, Any] = {"precision": 5 if 0 < abs(default) < 0.01 else 3}
-    if unit == "length":
-        shown["subtype"] = "DISTANCE"
-    elif unit == "angle":
+    if unit == "angle":
         shown["subtype"] = "ANGLE"
     return shown
 
@@ -87,8 +91,8 @@ def add_properties(*groups: dict[str, Any]) -> Callable[[type[T]], type[T]]:
     return decorate
 
 
-def result_properties(flags: frozenset[str] = FORM) -> dict[str, Any]:
-    """Return the options of a morph that concern Blender only."""
+def result_properties(flags: frozenset[str] = FORM, hide_target: bool = False) -> dict[str, Any]:
+    """Return the options of a morph that concern Blender only; they are `RESULT_OPTIONS`."""
     options = set(flags)
     return {
         "result": bpy.props.EnumProperty(
@@ -115,10 +119,21 @@ def result_properties(flags: frozenset[str] = FORM) -> dict[str, Any]:
             ),
             options=options,
         ),
+        "hide_target": bpy.props.BoolProperty(
+            name="Hide target afterwards",
+            description=(
+                "Hide the target in the viewport when the result is there: "
+                "two surfaces in one place flicker (Alt+H shows it again)"
+            ),
+            default=hide_target,
+            options=options,
+        ),
     }
 
 
-@add_properties(setting_properties(MorphSettings, {"preset": form.preset_chosen}), result_properties())
+@add_properties(
+    setting_properties(MorphSettings, {"preset": form.preset_chosen}), result_properties(hide_target=True)
+)
 class FEMORS_PG_scene(bpy.types.PropertyGroup):
     """The panel's form, `Scene.femors`."""
 

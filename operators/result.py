@@ -47,18 +47,22 @@ def new_object(
     source: bpy.types.Object,
     before: Snapshot,
     local: Array,
+    attributes: dict[str, Array],
     name: str,
     inside_out: bool,
 ) -> bpy.types.Object:
-    """Make a morphed copy of the source beside it, select it and return it.
+    """Make a morphed copy of the source beside it, select it and return it; or raise and leave nothing.
 
-    Everything on the source stays: materials, UVs, vertex groups, attributes, parent, and modifiers
-    unless they are part of the evaluated mesh. Shape keys, which belong to the old shape, do not.
+    Everything on the source stays: materials, UVs, vertex groups, attributes, parent, animation (a copy
+    of it), and modifiers unless they are part of the evaluated mesh. Shape keys, which belong to the
+    old shape, do not.
 
     Parameters
     ----------
     local : (n, 3)
         Positions in the object's own space.
+    attributes : dict of str to (n,)
+        Written as point attributes.
     inside_out : bool
         The shape was mirrored: turn the faces, so that their normals still point outward.
     """
@@ -76,14 +80,33 @@ def new_object(
         _write_positions(mesh, local)
         if inside_out:
             mesh.flip_normals()
+        _write_attributes(mesh, attributes)
         for collection in source.users_collection or (context.scene.collection,):
             collection.objects.link(item)
+        _show(context, item)
+        for block in (item, mesh):
+            _own_animation(block)
     except Exception:
         bpy.data.objects.remove(item)
         bpy.data.meshes.remove(mesh)
         raise
-    _show(context, item)
     return item
+
+
+def _own_animation(block: bpy.types.ID) -> None:
+    """Give a copied block copies of its actions, as Duplicate does: a copy alone shares them."""
+    animation = block.animation_data
+    if animation is None:
+        return
+    strips = [strip for track in animation.nla_tracks for strip in track.strips]
+    for user in (animation, *strips):
+        if user.action is None:
+            continue
+        slot = getattr(user, "action_slot", None)  # Blender 4.4 and later
+        slot = slot.identifier if slot else None
+        user.action = user.action.copy()
+        if slot is not None:
+            user.action_slot = user.action.slots[slot]
 
 
 def _show(context: bpy.types.Context, item: bpy.types.Object) -> None:
@@ -104,10 +127,11 @@ def _show(context: bpy.types.Context, item: bpy.types.Object) -> None:
     layer.objects.active = item
 
 
-def shape_key(source: bpy.types.Object, local: Array, target_name: str) -> str:
+def shape_key(source: bpy.types.Object, local: Array, attributes: dict[str, Array], target_name: str) -> str:
     """Add a shape key with the morphed positions, at value 1; return what else there is to say."""
     note = _single_user(source)
     mesh = source.data
+    _write_attributes(mesh, attributes)
     if mesh.shape_keys is None:
         source.shape_key_add(name="Basis", from_mix=False)
     for earlier in mesh.shape_keys.key_blocks:
@@ -124,9 +148,10 @@ def shape_key(source: bpy.types.Object, local: Array, target_name: str) -> str:
     return note
 
 
-def in_place(source: bpy.types.Object, local: Array, inside_out: bool) -> str:
+def in_place(source: bpy.types.Object, local: Array, attributes: dict[str, Array], inside_out: bool) -> str:
     """Move the source's own vertices; return what else there is to say."""
     note = _single_user(source)
+    _write_attributes(source.data, attributes)
     _write_positions(source.data, local)
     if inside_out:
         source.data.flip_normals()
@@ -150,6 +175,11 @@ def _write_positions(mesh: bpy.types.Mesh, local: Array) -> None:
         )
     mesh.vertices.foreach_set("co", np.ascontiguousarray(local, dtype=np.float32).ravel())
     mesh.update()
+
+
+def _write_attributes(mesh: bpy.types.Mesh, attributes: dict[str, Array]) -> None:
+    for name, values in attributes.items():
+        point_attribute(mesh, name, values)
 
 
 def point_attribute(mesh: bpy.types.Mesh, name: str, values: Array) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of a morph's figures, before and after."""
+"""A morph's verdict, and the table of its figures before and after."""
 
 from __future__ import annotations
 
@@ -12,13 +12,26 @@ import bpy
 from ..operators.morph import NOTHING
 
 TABLE = (
-    ("Source to target", "surface_to_target", ("median", "p99", "maximum")),
-    ("Target to source", "target_to_surface", ("median", "p99", "maximum")),
-    ("Aspect ratio", "aspect", ("median", "maximum")),
-    ("Dihedral angle", "dihedral", ("median", "p99")),
+    ("Target to source", "target_to_surface", ("median", "p99", "maximum"), "length"),
+    ("Source to target", "surface_to_target", ("median", "p99", "maximum"), "length"),
+    ("Aspect ratio", "aspect", ("median", "maximum"), ""),
+    ("Dihedral angle", "dihedral", ("median", "p99"), "degrees"),
 )
+"""The distance from the target first: the other is nothing where vertices are laid onto the target."""
 WORDS = {"median": "median", "p99": "99 %", "maximum": "max"}
-COUNTS = (("Flipped faces", "flipped"), ("Self-intersections", "self_intersecting"))
+COUNTS = (("Flipped faces", "flipped"), ("Self-intersecting", "self_intersecting"))
+UNITS = {
+    "KILOMETERS": (1e3, "km"),
+    "METERS": (1.0, "m"),
+    "CENTIMETERS": (1e-2, "cm"),
+    "MILLIMETERS": (1e-3, "mm"),
+    "MICROMETERS": (1e-6, "µm"),
+    "MILES": (1609.344, "mi"),
+    "FEET": (0.3048, "ft"),
+    "INCHES": (0.0254, "in"),
+    "THOU": (2.54e-5, "thou"),
+}
+"""Blender's units of length: metres, and how they are written."""
 
 
 @functools.lru_cache(maxsize=4)
@@ -36,25 +49,52 @@ def number(value: float) -> str:
     return f"{value:.3g}" if abs(value) >= 1e-3 else f"{value:.2g}"
 
 
+def length_unit(settings: Any) -> tuple[float, str]:
+    """Return the factor that takes scene lengths to the scene's unit, and the unit's name.
+
+    Blender's factory settings say metres whatever a file's numbers mean: they count as not set, and
+    lengths stay as they are.
+
+    Parameters
+    ----------
+    settings : bpy.types.UnitSettings
+        Of the scene.
+    """
+    scale, unit = settings.scale_length, settings.length_unit
+    if settings.system == "NONE" or (abs(scale - 1.0) < 1e-6 and unit in ("METERS", "ADAPTIVE")):
+        return 1.0, "scene units"
+    if unit == "ADAPTIVE":  # Blender changes the unit with the length; one for the whole table is wanted
+        named = [key for key, (metres, _) in UNITS.items() if abs(scale / metres - 1.0) < 1e-4]
+        unit = named[0] if named else ("METERS" if settings.system == "METRIC" else "FEET")
+    metres, name = UNITS[unit]
+    factor = scale / metres
+    return (1.0 if abs(factor - 1.0) < 1e-6 else factor), name
+
+
 def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bpy.types.Context) -> None:
-    """Draw the table, the reason that the morph stopped, and its warnings."""
+    """Draw the verdict (why the morph stopped, its warnings, its faults), then the table."""
     before, after = report["before"], report["after"]
+    verdict = layout.column(align=True)
+    draw_sentence(verdict, context, report["stop_reason"], "CHECKMARK" if report["converged"] else "INFO")
+    for warning in report["warnings"]:
+        draw_sentence(verdict, context, warning, "ERROR")
     column = layout.column(align=True)
     _row(column, f"{report['source']} to {report['target']}", "aligned", "morphed")
-    column.separator()
-    for title, key, parts in TABLE:
-        box = column.box().column(align=True)
-        heading = box.row()
-        heading.scale_y = 0.75
-        heading.label(text=title)
-        for part in parts:
-            _row(box, "    " + WORDS[part], number(before[key][part]), number(after[key][part]))
     box = column.box().column(align=True)
     for title, key in COUNTS:
         _row(box, title, str(before[key]), str(after[key]), alert=after[key] > before[key])
-    draw_sentence(layout, context, report["stop_reason"], "CHECKMARK" if report["converged"] else "INFO")
-    for warning in report["warnings"]:
-        draw_sentence(layout, context, warning, "ERROR")
+    factor, unit = length_unit(context.scene.unit_settings)
+    for title, key, parts, kind in TABLE:
+        box = column.box().column(align=True)
+        heading = box.row()
+        heading.scale_y = 0.7
+        words = unit if kind == "length" else kind
+        heading.label(text=f"{title} ({words})" if words else title)
+        scale = factor if kind == "length" else 1.0
+        for part in parts:
+            _row(
+                box, "    " + WORDS[part], number(scale * before[key][part]), number(scale * after[key][part])
+            )
 
 
 def draw_sentence(
@@ -75,7 +115,7 @@ def draw_sentence(
 
 def _row(layout: bpy.types.UILayout, title: str, before: str, after: str, alert: bool = False) -> None:
     row = layout.row()
-    row.scale_y = 0.75
+    row.scale_y = 0.7
     split = row.split(factor=0.5)
     split.label(text=title)
     for text in (before, after):

@@ -76,6 +76,7 @@ class FEMORS_PT_morph_advanced(FemorsPanel, bpy.types.Panel):
         layout.separator(factor=0.5)
         changed = changed_from_preset(form, MorphSettings, PRESETS)
         column = layout.column(align=True)
+        column.label(text="Lengths in scene units")
         for name, (_, spec) in specs(MorphSettings).items():
             if spec.advanced:
                 # more room for the words than a property split gives
@@ -133,10 +134,15 @@ def draw_options(layout: bpy.types.UILayout, form: Any) -> None:
     for name in simple:
         if name not in ticks:
             column.prop(form, name)
+        if name == "preset" and form.preset == "published":
+            hint = column.row()
+            hint.alignment = "RIGHT"
+            hint.label(text="lengths in mm", icon="INFO")
     column = layout.column(align=True)
     for name in ticks:
         column.prop(form, name)
     layout.prop(form, "result")
+    layout.prop(form, "hide_target")
 
 
 def draw_job(layout: bpy.types.UILayout, job: Job) -> None:

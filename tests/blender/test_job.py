@@ -111,6 +111,41 @@ def test_a_running_job_ends_with_the_extension_or_the_file(context, part, ending
     assert job.closed and not threads() and context.timers == 0
 
 
+@pytest.mark.parametrize("where", ["show", "apply", "mode", "interrupt"])
+def test_whatever_modal_raises_the_job_is_closed(context, part, where):
+    module = part("operators.job")
+    told = []
+
+    class Operator(module.JobOperator):
+        def report(self, level, line):
+            told.append((level, line))
+
+        def apply(self, context, result):
+            raise KeyError("apply")
+
+        def _show(self, job):
+            raise (KeyboardInterrupt if where == "interrupt" else KeyError)("show")
+
+    class Event:
+        type, value = "TIMER", "NOTHING"
+
+    context.mode = "EDIT" if where == "mode" else "OBJECT"
+    operator = Operator()
+    running = where in ("show", "interrupt")
+    job = module.Job("Test", endless if running else lambda progress: 42)
+    operator._job = module.JobOperator.current = job
+    job.start(context)
+    wait_for(lambda: job.fraction > 0 if running else not job.alive)
+    if where == "interrupt":
+        with pytest.raises(KeyboardInterrupt):
+            operator.modal(context, Event)
+    else:
+        assert operator.modal(context, Event) == {"CANCELLED"}
+        assert told[0][0] == {"ERROR"} and "KeyError" in told[0][1]
+    assert module.JobOperator.current is None
+    assert job.closed and not threads() and context.timers == 0
+
+
 def test_one_job_at_a_time(empty, context, part):
     module = part("operators.job")
     assert bpy.ops.femors.morph.poll()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import bpy
@@ -302,6 +303,90 @@ def test_a_mirrored_source_is_mirrored_where_the_user_ticks_it(empty, tools):
     )
     assert volume > 0, "the faces point inward"
     assert off_target(tools.world(item), bpy.data.objects["Scan"]).max() < 0.2
+
+
+def test_a_mirrored_shape_key_is_refused(pair, tools, part, monkeypatch):
+    source, _ = pair
+    core = part("femors_addon.morph")
+    real = core.morph
+
+    def mirrored(*args, **options):
+        return dataclasses.replace(real(*args, **options), transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
+
+    monkeypatch.setattr(core, "morph", mirrored)
+    before = tools.census()
+    with pytest.raises(RuntimeError, match="choose New Object or In Place"):
+        morph(result="SHAPE_KEY")
+    assert tools.census() == before
+    assert source.data.shape_keys is None and not source.femors.report
+    assert not [a for a in source.data.attributes if a.name.startswith("femors")]
+
+
+@pytest.mark.parametrize("broken", ["point_attribute", "_show", "_own_animation"])
+def test_a_failure_while_writing_leaves_no_object_behind(pair, tools, part, monkeypatch, broken):
+    def fails(*args):
+        raise KeyError(broken)
+
+    monkeypatch.setattr(part("operators.result"), broken, fails)
+    before = tools.census()
+    with pytest.raises(RuntimeError, match="failed unexpectedly"):
+        morph()
+    assert tools.census() == before
+
+
+def test_the_line_tells_the_distance_from_the_target(pair, part, monkeypatch):
+    told = []
+    operator = part("operators.job").JobOperator
+    monkeypatch.setattr(operator, "tell", lambda self, level, line: told.append(line))
+    for partial, words, name in (
+        ("none", "from", "target_to_surface"),
+        ("source", "to", "surface_to_target"),
+    ):
+        after = json.loads(morph(partial=partial).femors.report)["after"][name]
+        start = f": distance {words} 'Scan': median "
+        assert start in told[-1]
+        said = told[-1].split(start)[1]
+        if after["median"] > 1e-9:
+            assert said.startswith(
+                f"{after['median']:.3g}, 99 % {after['p99']:.3g}, max {after['maximum']:.3g}; "
+            )
+
+
+def test_the_target_is_hidden_where_the_user_ticks_it(pair):
+    _, target = pair
+    morph()
+    assert not target.hide_get()
+    assert bpy.context.scene.femors.hide_target
+    morph(hide_target=True)
+    assert target.hide_get() and not target.hide_viewport
+    morph(hide_target=True)  # a hidden target is a target still
+
+
+def test_a_target_outside_the_view_layer_need_not_be_hidden(pair):
+    _, target = pair
+    bpy.context.scene.collection.objects.unlink(target)
+    bpy.data.scenes.new("Other").collection.objects.link(target)
+    morph(hide_target=True)
+
+
+def test_the_result_has_its_own_animation(pair):
+    source, _ = pair
+    source.keyframe_insert("location", frame=1)
+    source.data["part"] = 1.0
+    source.data.keyframe_insert('["part"]', frame=1)
+    strip = source.animation_data.nla_tracks.new().strips.new("old", 1, bpy.data.actions.new("Old"))
+    item = morph()
+    for ours, theirs in ((item, source), (item.data, source.data)):
+        mine, yours = ours.animation_data, theirs.animation_data
+        assert mine.action is not None and mine.action != yours.action
+        if hasattr(mine, "action_slot"):
+            assert mine.action_slot is not None
+            assert mine.action_slot.identifier == yours.action_slot.identifier
+    assert item.animation_data.nla_tracks[0].strips[0].action != strip.action
+    item.location.x = 5.0
+    item.keyframe_insert("location", frame=1)
+    bpy.context.scene.frame_set(1)
+    assert (source.location.x, item.location.x) == (0.0, 5.0)
 
 
 def test_a_linked_source_becomes_a_local_result(pair, tools, tmp_path):

@@ -90,6 +90,37 @@ def test_all_arguments_are_explained(extension):
             assert key == "rna_type" or item.description, f"{name}.{key}"
 
 
+def test_lengths_are_plain_numbers(empty):
+    """With a unit of its own, Blender would write a spread of 10 mm as "10 m"."""
+    for name in ("spread_start", "spread_end", "normal_weight", "field_spread"):
+        made = bpy.context.scene.femors.bl_rna.properties[name]
+        assert made.unit == "NONE"
+
+
+@pytest.mark.parametrize(
+    ("system", "unit", "scale", "expected"),
+    [
+        ("METRIC", "METERS", 1.0, (1.0, "scene units")),  # Blender's factory settings
+        ("METRIC", "ADAPTIVE", 1.0, (1.0, "scene units")),
+        ("NONE", "ADAPTIVE", 0.001, (1.0, "scene units")),
+        ("METRIC", "MILLIMETERS", 0.001, (1.0, "mm")),
+        ("METRIC", "ADAPTIVE", 0.001, (1.0, "mm")),
+        ("METRIC", "MILLIMETERS", 1.0, (1000.0, "mm")),
+        ("METRIC", "CENTIMETERS", 0.001, (0.1, "cm")),
+        ("IMPERIAL", "INCHES", 0.0254, (1.0, "in")),
+        ("METRIC", "ADAPTIVE", 0.5, (0.5, "m")),
+    ],
+)
+def test_the_figures_are_in_the_scenes_unit(empty, part, system, unit, scale, expected):
+    settings = bpy.context.scene.unit_settings
+    settings.system = system
+    settings.scale_length = scale
+    if system != "NONE":
+        settings.length_unit = unit
+    factor, name = part("ui.figures").length_unit(settings)
+    assert (round(factor, 6), name) == expected
+
+
 def test_presets_answer_no_question_about_the_data(part):
     """The panel keeps what was said of the data when a preset is chosen, so presets must not differ there."""
     settings, module = part("femors_addon.settings"), part("femors_addon.morph_settings")
@@ -145,6 +176,7 @@ def test_a_missing_package_is_a_sentence(empty, part, monkeypatch):
     dependencies.missing.cache_clear()
     try:
         assert dependencies.missing().startswith("NoSuch not found")
+        assert "README" in dependencies.missing() and "zip" not in dependencies.missing()
         with pytest.raises(progress.FemorsError, match="NoSuch not found"):
             dependencies.require()
         assert not bpy.ops.femors.morph.poll()

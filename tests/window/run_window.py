@@ -4,7 +4,8 @@
 
     run-trixie python3 tests/window/run_window.py [--out DIR] [--site DIR] [--blender blender]
 
-Needs Xvfb, xdotool and scrot beside Blender (`run-trixie` of get-blender.sh has them). ``--site``
+Needs Xvfb, xdotool and scrot beside Blender (`run-trixie` of get-blender.sh has them); where one is
+missing it says "skipped" and ends with exit code 5, like pytest without tests. ``--site``
 is the folder with SciPy and fast-simplification for that Blender's Python. Screenshots, Blender's
 output and ``result.json`` are written to ``--out``. Exit code 0 when every step held.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,6 +24,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SIZE = (1280, 800)
+SKIPPED = 5
 
 
 def start_display() -> tuple[subprocess.Popen, str]:
@@ -59,6 +62,7 @@ def run(out: Path, site: str, blender: str, limit: float) -> int:
         environment = os.environ | {
             "DISPLAY": display,
             "BLENDER_USER_RESOURCES": resources,
+            "TMPDIR": resources,  # where Blender writes its quit.blend
             "FEMORS_SITE": site,
             "FEMORS_WINDOW_OUT": str(out.resolve()),
             "PYTHONDONTWRITEBYTECODE": "1",
@@ -97,6 +101,10 @@ def main() -> int:
     parser.add_argument("--blender", default="blender")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds for the whole run")
     options = parser.parse_args()
+    missing = [name for name in (options.blender, "Xvfb", "xdotool", "scrot") if shutil.which(name) is None]
+    if missing:
+        print(f"skipped: there is no {', no '.join(missing)}")
+        return SKIPPED
     start = time.monotonic()
     code = run(options.out, options.site, options.blender, options.limit)
     print(f"{time.monotonic() - start:.0f} s")

@@ -250,6 +250,7 @@ def finish() -> Steps:
     item = bpy.context.view_layer.objects.active
     check(item.name == "Femur morphed to Scan" and item.select_get(), f"the active object is {item.name}")
     check(item.femors.report, "the result has no figures")
+    check(bpy.data.objects["Scan"].hide_get(), "the target was not hidden, as the form asks for")
     seen["report"] = {k: json.loads(item.femors.report).get(k) for k in ("stop_reason", "warnings")}
     yield from shot("5_figures")
 
@@ -263,6 +264,7 @@ def undo() -> Steps:
         scene_state()[0] == [n for n in names if n != "Femur morphed to Scan"],
         f"after undo: {scene_state()[0]}",
     )
+    check(not bpy.data.objects["Scan"].hide_get(), "undo did not show the target again")
     form = bpy.context.scene.femors
     check(form.source and form.target, "undo emptied the form: it went back too far")
     yield from shot("6_undone")
