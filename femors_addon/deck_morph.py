@@ -26,6 +26,7 @@ def morph_part(
     settings: MorphSettings | None = None,
     progress: Progress = silent,
     *,
+    weights: ArrayLike | None = None,
     source_landmarks: ArrayLike | None = None,
     target_landmarks: ArrayLike | None = None,
     morph: Any = None,
@@ -40,6 +41,8 @@ def morph_part(
     target : Surface
     settings, progress, source_landmarks, target_landmarks
         As for `morph.morph`.
+    weights : (n,) array, optional
+        Of the deck's nodes, from 0 to 1: how far each may follow.
     morph : callable, optional
         What morphs surfaces, in place of `morph.morph`.
 
@@ -57,15 +60,18 @@ def morph_part(
     """
     mesh, nodes = deck.submesh(part)
     settings = settings or MorphSettings()
-    landmarks = {"source_landmarks": source_landmarks, "target_landmarks": target_landmarks}
+    options = {"source_landmarks": source_landmarks, "target_landmarks": target_landmarks}
+    share = None if weights is None else np.asarray(weights, dtype=float).ravel()[nodes]
     coordinates = np.array(deck.coordinates)
     result: MorphResult | VolumeMorphResult
     if mesh.solid:
-        result = morph_volume(mesh, target, settings, progress, **landmarks)
+        result = morph_volume(mesh, target, settings, progress, weights=share, **options)
         coordinates[nodes] = result.nodes
     else:
         surface, on_faces = mesh.surface()
-        result = (morph or surfaces.morph)(surface, target, settings, progress, **landmarks)
+        if share is not None:
+            options["weights"] = share[on_faces]
+        result = (morph or surfaces.morph)(surface, target, settings, progress, **options)
         aligned = transformed(result.transform, mesh.nodes)
         moved = aligned.copy()
         moved[on_faces] = result.vertices

@@ -47,12 +47,21 @@ class Shape:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Key:
-    """A shape key: its shape, the (value, weights by vertex or None), and the key that it is relative to."""
+    """A shape key: its shape, that of the key that it is relative to, and how far it counts.
+
+    Attributes
+    ----------
+    weights : (n,) or None
+        By vertex, of its vertex group.
+    whole : bool
+        It takes the place of the base: at 1, everywhere, relative to the base.
+    """
 
     shape: Shape
     relative: Shape
     value: float
     weights: Array | None = None
+    whole: bool = False
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

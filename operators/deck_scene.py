@@ -170,7 +170,10 @@ def shot(item: bpy.types.Object, keys: bool = False) -> PartShot:
     ids = np.empty(len(mesh.vertices), dtype=np.int32)
     attribute.data.foreach_get("value", ids)
     base = Shape(base_positions(mesh), _known(mesh.get(KNOWN)))
-    return PartShot(item.name, mesh.femors.part, ids, base, _keys(item) if keys else ())
+    offsets = _keys(item) if keys else ()
+    if len(offsets) == 1 and offsets[0].whole:
+        base, offsets = offsets[0].shape, ()  # the key itself, not a sum that rounds
+    return PartShot(item.name, mesh.femors.part, ids, base, offsets)
 
 
 def _keys(item: bpy.types.Object) -> tuple[Key, ...]:
@@ -189,7 +192,8 @@ def _keys(item: bpy.types.Object) -> tuple[Key, ...]:
         if block.vertex_group in item.vertex_groups:
             weights = group_weights(item, item.data, block.vertex_group)
         shapes = (_key_shape(item.data, one) for one in (block, block.relative_key))
-        out.append(Key(*shapes, value, weights))
+        whole = value == 1.0 and weights is None and block.relative_key == keys.reference_key
+        out.append(Key(*shapes, value, weights, whole))
     return tuple(out)
 
 
