@@ -157,7 +157,8 @@ def morph_volume(
     progress(0.7, "volume: interior")
     goal = _with_interior(aligned, goal, at, surface.mean_edge)
     progress(0.8, "volume: element shapes")
-    index = SurfaceIndex(target) if settings.projection == 1.0 and settings.partial == "none" else None
+    laid_on = settings.projection == 1.0 and settings.partial == "none" and options.get("weights") is None
+    index = SurfaceIndex(target) if laid_on else None
     goal = reshaped(mesh, goal, at, jacobian, index, part(progress, 0.8, 0.9))
     progress(0.9, "volume: no element inverted")
     nodes, held, held_by = kept_valid(aligned, goal, valid)

@@ -159,10 +159,10 @@ def shot(item: bpy.types.Object, keys: bool = False) -> PartShot:
     Raises
     ------
     FemorsError
-        The node numbers are gone, or the shape keys cannot be summed up.
+        Edit Mode, the node numbers are gone, or the shape keys cannot be summed up.
     """
-    if item.mode == "EDIT":
-        item.update_from_editmode()
+    if item.mode == "EDIT":  # Blender has no attributes there
+        raise FemorsError(f"'{item.name}' is in Edit Mode: leave it first (Tab)")
     mesh = item.data
     attribute = mesh.attributes.get(NODE_ID)
     if attribute is None or (attribute.data_type, attribute.domain) != ("INT", "POINT"):
@@ -214,12 +214,12 @@ def _known(held: Any) -> Array | None:
 def remember(mesh: bpy.types.Mesh, nodes: Array, key: str = "") -> None:
     """Keep the float64 positions (n, 3), by node, that were written to a mesh, or to a shape key of it."""
     data = np.ascontiguousarray(nodes, dtype="<f8").tobytes()
-    if not key:
-        mesh[KNOWN] = data
-        return
-    if KNOWN_KEYS not in mesh:
+    if key and KNOWN_KEYS not in mesh:
         mesh[KNOWN_KEYS] = {}
-    mesh[KNOWN_KEYS][key] = data
+    holder, name = (mesh[KNOWN_KEYS], key) if key else (mesh, KNOWN)
+    if name in holder:
+        del holder[name]  # Blender writes bytes over bytes only up to a zero byte
+    holder[name] = data
 
 
 def forget_keys(mesh: bpy.types.Mesh) -> None:
