@@ -15,7 +15,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from ..femors_addon.progress import FemorsError
 from . import deck_export, deck_scene, deck_store, dependencies
 
-ENDINGS = (".inp", ".feb", ".bdf", ".nas", ".fem", ".vtk", ".vtu", ".msh", ".mesh", ".off")
+ENDINGS = (".inp", ".feb", ".bdf", ".nas", ".fem", ".vtk", ".vtu", ".msh", ".mesh")
 """Those of `femors_addon.deckfiles`, which takes SciPy to import; a test compares them."""
 LABEL = "FE model (.inp, .feb, .vtu ...)"
 GLOB = ";".join(f"*{ending}" for ending in ENDINGS)
