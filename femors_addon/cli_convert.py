@@ -16,7 +16,7 @@ from .mesh import Surface
 from .meshfiles import MeshFile
 from .progress import FemorsError
 
-KINDS = "STL, PLY, OBJ; Abaqus .inp, FEBio .feb, Nastran .bdf; through meshio .vtk, .vtu, .msh, .mesh, .off"
+KINDS = "STL, PLY, OBJ; Abaqus .inp, FEBio .feb, Nastran .bdf; through meshio .vtk, .vtu, .msh, .mesh"
 
 
 def options(parser: argparse.ArgumentParser) -> None:

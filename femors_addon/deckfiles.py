@@ -122,15 +122,23 @@ def written(thing: Deck | MeshFile, path: Location, part: Part | None = None) ->
         return Written({path: _fresh(mesh, {}, path)}, merged)
     if part is None and same_format(thing.path, path):
         return Written(thing.outputs(path))
+    if part is None and {thing.suffix, suffix} == {".vtk", ".vtu"}:
+        assert isinstance(thing.template, meshio_files.Template)
+        return Written({path: thing.template.converted(thing.coordinates, suffix)})
     mesh = thing.mesh if part is None else thing.submesh(part)[0]
     names = {part.name: np.arange(mesh.element_count)} if part is not None else _part_sets(thing)
-    lost = ["materials, steps and whatever is neither node, element nor set"] if thing.suffix in _SETS else []
+    lost = [
+        "node and cell data"
+        if thing.suffix in meshio_files.FORMATS
+        else "materials, steps and whatever is neither node, element nor set"
+    ]
     if thing.instances:
         lost.append("the placing of parts by the assembly (every part is in its own coordinates)")
     if suffix in meshfiles.FORMATS:
         return Written({path: meshfiles.encoded(path, _polygons(mesh))}, (*lost, *_beyond_surface(mesh)))
-    if suffix not in _SETS and (mesh.node_sets or mesh.element_sets or mesh.surfaces):
-        lost.append("sets" + ("" if suffix == ".off" else ", but for the parts"))
+    sets = {*mesh.node_sets, *mesh.element_sets, *mesh.surfaces} - set(names)
+    if suffix not in _SETS and sets:
+        lost.append("sets, but for the parts")
     elif mesh.surfaces:
         lost.append("surfaces")
     mesh, renumbered = unique_ids(mesh)

@@ -83,7 +83,7 @@ def _deck(path: Path, data: bytes, groups: list[Group], spec: str) -> Deck:
     rows = [row for group in groups if group.name == "Nodes" for row in group.rows]
     if not rows:
         raise FemorsError("has no nodes (<node> in <Mesh>, <Nodes>)")
-    positions, ids = _positions(data, rows), _ids(data, rows, "node")
+    positions, ids = _positions(data, rows), _ids(data, rows, "a node")
     lookup = Lookup(ids, 0)
     _refuse_twins(data, rows, lookup, "node")
     blocks, element_rows, parts, unknown = _elements(data, groups, lookup)
@@ -122,7 +122,7 @@ def _ids(data: bytes, rows: Iterable[Row], what: str) -> Ids:
             raise _error(
                 data,
                 row,
-                f"the id of a {what} was expected, a whole number from 1, not '{shown(row.id.encode())}'",
+                f"the id of {what} was expected, a whole number from 1, not '{shown(row.id.encode())}'",
             )
         out.append(int(row.id))
     return np.array(out, np.int64)
@@ -181,7 +181,7 @@ def _elements(
             label = group.label or (f"mat {group.material}" if group.material else "elements")
             parts.setdefault(label, []).append(members)
             rows += group.rows
-            blocks.append(Block(kind.name, nodes, _ids(data, group.rows, "element"), group.type))
+            blocks.append(Block(kind.name, nodes, _ids(data, group.rows, "an element"), group.type))
     return blocks, rows, {name: np.concatenate(chosen) for name, chosen in parts.items()}, unknown
 
 

@@ -92,7 +92,6 @@ def _chunk(
     text[separators[separators < len(text)]] = 44
     if dtype is np.float64:
         text[(text == 68) | (text == 100)] = 101  # a D marks an exponent too
-    # a separator at the very end would read as one more number
     joined = text.tobytes().rstrip(b", \t\r\f\v")
     values = parsed(joined, dtype)
     if values is None or len(values) != counts.sum():
@@ -104,13 +103,18 @@ def _within(spans: list[tuple[int, int]], start: int, stop: int) -> list[tuple[i
     return spans[bisect.bisect_left(spans, (start, 0)) : bisect.bisect_left(spans, (stop, 0))]
 
 
+_EMPTY = re.compile(rb"(?:^|,)\s*(?:,|$)")
+
+
 def parsed(text: bytes, dtype: type) -> NDArray | None:
     """Return comma-separated numbers, or as many as there are before a field that is none; None perhaps.
 
-    The text must not end with a separator or blanks: NumPy reads one more number there.
+    NumPy invents a number for a field of blanks, so a text with an empty field gives None.
     """
     if not text:
         return np.zeros(0, dtype)
+    if _EMPTY.search(text):
+        return None
     try:
         return np.fromstring(text, dtype, sep=",")
     except ValueError:  # what NumPy announces instead of stopping early

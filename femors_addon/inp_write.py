@@ -46,9 +46,9 @@ class Template:
         return self._edited(self.sources[0], nodes)
 
     def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the deck, and its includes at the places that their *INCLUDE lines name, seen from `path`.
+        """Return the deck, and its includes at the places that they have seen from it.
 
-        An include that is at that place already, unchanged, is left out.
+        An include that is at its place already, unchanged, is left out.
 
         Raises
         ------
@@ -56,19 +56,19 @@ class Template:
             An include whose nodes moved and that the output would share with the input.
         """
         out = {path: self.encoded(nodes)}
+        deck = self.sources[0].path
         for source in self.sources[1:]:
             data = self._edited(source, nodes)
-            name = source.spelled if os.sep == "\\" else source.spelled.replace("\\", os.sep)
-            new = path.parent / name
-            if os.path.isabs(name) or _same(new, source.path):
+            absolute = os.path.isabs(source.spelled)
+            new = path.parent / os.path.relpath(source.path, deck.parent)
+            if absolute or os.path.realpath(new) == os.path.realpath(source.path):
                 if data != source.data:
                     raise FemorsError(
                         f"{path}: its include '{source.spelled}' has nodes that moved, and would replace "
-                        f"that of {self.sources[0].path}; write into another folder"
-                        + (" and name the include without one" if os.path.isabs(name) else "")
+                        f"that of {deck}; write into another folder"
+                        + (" and name the include without one" if absolute else "")
                     )
-                continue
-            if out.setdefault(new, data) != data:
+            elif out.setdefault(new, data) != data:
                 raise FemorsError(
                     f"{path}: '{source.spelled}' is included twice, and its nodes moved in two ways; "
                     "give each *INCLUDE a file of its own"
@@ -94,10 +94,6 @@ class Template:
             return data
         out += data[done:]
         return bytes(out)
-
-
-def _same(one: Path, two: Path) -> bool:
-    return os.path.realpath(one) == os.path.realpath(two)
 
 
 def replaced(line: bytes, new: list[float], old: list[float]) -> bytes:

@@ -12,6 +12,7 @@ import copy
 import dataclasses
 import importlib
 import io
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,24 +24,28 @@ import numpy as np
 from .deck import Deck, Load, Part
 from .elements import MESHIO_KINDS, MESHIO_NAMES
 from .files import read_bytes, shown
+from .gmsh_nodes import NodePlaces, node_places, without_data
 from .mesh import Float, Int
 from .progress import FemorsError
 from .volume import Block, VolumeMesh
 
 PACKAGE = "meshio==5.3.5"
-FORMATS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".mesh": "medit", ".off": "off"}
+FORMATS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".mesh": "medit"}
 """meshio's module for each ending; all of them do without h5py, netCDF4 and lxml."""
+LEAST_COUNT = 1_000_000  # loops over so many lines, of a file that has fewer, do no harm
+_COUNT = re.compile(rb"^[ \t]*([0-9]{7,4000})[ \t\r]*$", re.MULTILINE)
 PART_DATA = ("gmsh:physical", "medit:ref", "part", "gmsh:geometrical")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Template:
-    """A file and what meshio read from it; `nodes` (n, 3) as read."""
+    """A file and what meshio read from it; `nodes` (n, 3) as read, `places` where they stand, if known."""
 
     path: Path
     data: bytes
     content: Any
     nodes: Float
+    places: NodePlaces | None = None
 
     def inputs(self) -> list[Path]:
         """Return the file that was read."""
@@ -50,12 +55,18 @@ class Template:
         """Return the file's bytes, or what meshio writes where nodes have moved."""
         if np.array_equal(nodes, self.nodes):
             return self.data
+        if self.places is not None:
+            return self.places.moved(self.data, nodes)
+        return self.converted(nodes, self.path.suffix.lower(), self.data)
+
+    def converted(self, nodes: Float, suffix: str, like: bytes = b"") -> bytes:
+        """Return what meshio writes, in the variant of `like`."""
         content = copy.copy(self.content)
         # sets may be turned into data on the way
         for name in ("point_data", "cell_data", "point_sets", "cell_sets"):
             setattr(content, name, dict(getattr(content, name) or {}))
         content.points = np.array(nodes)
-        return _written(content, self.path.suffix.lower(), self.data)
+        return _written(content, suffix, like)
 
     def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
         """Return the file by its path."""
@@ -72,12 +83,15 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
         raise FemorsError(f"{path}: has no nodes with three coordinates")
     nodes = np.zeros((len(points), 3))
     nodes[:, : points.shape[1]] = points
+    places = node_places(data) if suffix == ".msh" else None
+    if places is not None and not np.array_equal(places.positions, nodes):
+        places = None
     try:
         blocks, where = _blocks(content)
         mesh = VolumeMesh(
             nodes,
             tuple(blocks),
-            _ids(content.point_data.get("node_id"), len(nodes)),
+            _ids(content.point_data.get("node_id") if places is None else places.ids, len(nodes)),
             _node_sets(content, len(nodes)),
             _element_sets(content, where),
         )
@@ -89,9 +103,10 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
         name: Part(name, mesh.restricted(members)[1], members)
         for name, members in _parts(content, where, path.stem).items()
     }
-    if FORMATS[suffix] == "gmsh":
-        notes.append("where nodes move, Gmsh's own numbers of nodes and elements are not kept")
-    return Deck(path, suffix, mesh, parts, Template(path, data, content, mesh.nodes), (), tuple(notes))
+    if suffix == ".msh" and places is None:
+        notes.append("where nodes move, Gmsh's own numbers and data are not kept")
+    template = Template(path, data, content, mesh.nodes, places)
+    return Deck(path, suffix, mesh, parts, template, (), tuple(notes))
 
 
 # --- meshio ---------------------------------------------------------------------------------------
@@ -120,11 +135,11 @@ def _parsed(path: Path, data: bytes) -> tuple[Any, list[str]]:
     _check(path, data, suffix)
     with tempfile.TemporaryDirectory() as folder, _quietly() as said:
         copied = Path(folder) / f"mesh{suffix}"
-        copied.write_bytes(data)
+        copied.write_bytes(without_data(data) if suffix == ".msh" else data)
         try:
             content = module.read(str(copied))
         except MemoryError:
-            raise
+            raise FemorsError(f"{path}: needs more memory than there is, or a count in it is wrong") from None
         # a malformed file makes meshio fail in as many ways as Python has
         except (Exception, SystemExit) as error:
             reason = " ".join(str(error).replace(str(copied), path.name).split())
@@ -139,9 +154,16 @@ def _check(path: Path, data: bytes, suffix: str) -> None:
     expected = {".vtk": b"# vtk", ".vtu": b"<", ".msh": b"$"}.get(suffix, b"")
     start = data.removeprefix(b"\xef\xbb\xbf").lstrip()
     if not start.startswith(expected):
-        raise FemorsError(f"{path}: line 1: '{expected.decode()}' was expected, not '{shown(start[:40])}'")
+        found = shown(start.partition(b"\n")[0])
+        raise FemorsError(f"{path}: line 1: '{expected.decode()}' was expected, not '{found}'")
     if suffix == ".vtu" and (b"<!DOCTYPE" in data or b"<!ENTITY" in data):
         raise FemorsError(f"{path}: has a DOCTYPE, which no VTU file needs; remove it")
+    dataset = re.search(rb"^DATASET[ \t]+([A-Z_]+)", data[:10_000], re.MULTILINE | re.IGNORECASE)
+    if suffix == ".vtk" and dataset is not None and dataset[1].upper() != b"UNSTRUCTURED_GRID":
+        raise FemorsError(f"{path}: is a {dataset[1].decode()} dataset; an UNSTRUCTURED_GRID is needed")
+    for count in _COUNT.findall(data if suffix == ".mesh" else b""):
+        if int(count) > max(len(data), LEAST_COUNT):
+            raise FemorsError(f"{path}: announces {int(count)} items, more than it has bytes")
 
 
 def _written(content: Any, suffix: str, like: bytes = b"") -> bytes:
@@ -252,11 +274,9 @@ def _parts(content: Any, where: dict[int, tuple[int, int]], stem: str) -> dict[s
 def fresh(mesh: VolumeMesh, parts: dict[str, Int], suffix: str) -> bytes:
     """Return a file with the nodes and elements, the part of each element by number, and the ids.
 
-    Gmsh also takes the parts' names; Gmsh, Medit and OFF number nodes and elements afresh.
+    Gmsh also takes the parts' names; Gmsh and Medit number nodes and elements afresh.
     """
     _module(suffix)
-    if suffix == ".off" and any(block.kind != "tri3" for block in mesh.blocks):
-        raise FemorsError("OFF files hold triangles only")
     meshio = importlib.import_module("meshio")
     number = np.zeros(mesh.element_count, np.int64)
     for index, elements in enumerate(parts.values()):
