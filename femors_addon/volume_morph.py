@@ -19,13 +19,14 @@ from scipy.sparse.linalg import cg
 
 from .align import transformed
 from .grnn import DisplacementField
-from .mesh import Float, Int, Surface
+from .mesh import Float, Int, Surface, clean
 from .morph import morph
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
-from .volume import VolumeMesh, carry_mid_nodes
+from .quality import compare
+from .volume import Ids, VolumeMesh, carry_mid_nodes
 from .volume_quality import VolumeQuality, scaled_jacobians
 from .volume_shapes import reshaped
 
@@ -61,8 +62,8 @@ class VolumeMorphResult:
     surface: MorphResult
     before: VolumeQuality
     after: VolumeQuality
-    inverted_input: Int
-    inverted_new: Int
+    inverted_input: Ids
+    inverted_new: Ids
     held: Int
     held_by: float
     seconds: float
@@ -142,8 +143,13 @@ def morph_volume(
     if not mesh.solid:
         raise FemorsError("the source has no solid elements; morph its surface instead")
     surface, at = mesh.surface()
+    kept = at  # nodes that the interior does not move: the surface's, and those of no weight
     if options.get("weights") is not None:
-        options["weights"] = np.asarray(options["weights"], dtype=float).ravel()[at]
+        weights = np.asarray(options["weights"], dtype=float).ravel()
+        if len(weights) != len(mesh.nodes):
+            raise FemorsError(f"weights must be {len(mesh.nodes)} numbers, one for each node")
+        options["weights"] = weights[at]
+        kept = np.union1d(at, np.flatnonzero(weights == 0)).astype(np.int32)
     result = morph(surface, target, settings, part(progress, 0.0, 0.7), **options)
     if np.linalg.det(result.transform[:3, :3]) < 0:
         raise FemorsError(
@@ -155,11 +161,11 @@ def morph_volume(
     goal = aligned.nodes.copy()
     goal[at] = result.vertices
     progress(0.7, "volume: interior")
-    goal = _with_interior(aligned, goal, at, surface.mean_edge)
+    goal = _with_interior(aligned, goal, at, kept, surface.mean_edge)
     progress(0.8, "volume: element shapes")
     laid_on = settings.projection == 1.0 and settings.partial == "none" and options.get("weights") is None
     index = SurfaceIndex(target) if laid_on else None
-    goal = reshaped(mesh, goal, at, jacobian, index, part(progress, 0.8, 0.9))
+    goal = reshaped(mesh, goal, kept, jacobian, index, part(progress, 0.8, 0.9))
     progress(0.9, "volume: no element inverted")
     nodes, held, held_by = kept_valid(aligned, goal, valid)
     progress(0.95, "volume: figures")
@@ -169,14 +175,34 @@ def morph_volume(
     progress(1.0, "done")
     return VolumeMorphResult(
         nodes=nodes,
-        surface=result,
+        surface=_as_it_ended(result, surface, target, nodes[at]),
         before=VolumeQuality.of(mesh, valid),
         after=VolumeQuality.of(final, valid),
-        inverted_input=ids[~valid],
-        inverted_new=ids[valid & (after <= 0)],
+        inverted_input=np.asarray(ids[~valid]),
+        inverted_new=np.asarray(ids[valid & (after <= 0)]),
         held=held,
         held_by=held_by,
         seconds=time.process_time() - started,
+    )
+
+
+def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertices: Float) -> MorphResult:
+    """Measure the surface again, where the elements have moved its nodes (n, 3) since it was morphed."""
+    if np.array_equal(vertices, result.vertices):
+        return result
+    ours, theirs = clean(surface.vertices, surface.faces), clean(target.vertices, target.faces)
+    index = SurfaceIndex(theirs.surface)
+    used = ours.vertex_map >= 0
+    moved = np.empty_like(ours.surface.vertices)
+    moved[ours.vertex_map[used]] = vertices[used]
+    distance = index.closest(vertices).distance
+    aligned = transformed(result.transform, surface.vertices)
+    return dataclasses.replace(
+        result,
+        vertices=vertices,
+        surface_distance=distance,
+        displacement=np.linalg.norm(vertices - aligned, axis=1),
+        after=compare(ours.surface, ours.surface.moved(moved), theirs.surface, target_index=index),
     )
 
 
@@ -204,11 +230,11 @@ def stiffness(mesh: VolumeMesh) -> sparse.csr_matrix:
     return (sparse.diags(np.asarray(both.sum(axis=1)).ravel()) - both).tocsr()
 
 
-def _with_interior(aligned: VolumeMesh, goal: Float, at: Int, edge: float) -> Float:
-    """Return `goal` (n, 3) with the nodes off the surface moved by the harmonic extension."""
+def _with_interior(aligned: VolumeMesh, goal: Float, at: Int, kept: Int, edge: float) -> Float:
+    """Return `goal` (n, 3) with all nodes but those `kept` moved by the harmonic extension."""
     displacement = goal - aligned.nodes
     inside = np.ones(len(goal), dtype=bool)
-    inside[at] = False
+    inside[kept] = False
     field = DisplacementField(aligned.nodes[at], displacement[at], SPREAD * edge)
     displacement[inside] = field(aligned.nodes[inside])
     laplacian = stiffness(aligned)

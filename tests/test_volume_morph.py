@@ -131,9 +131,9 @@ def test_bad_input_is_one_line():
     with pytest.raises(FemorsError, match="no solid elements"):
         morph_volume(shell, surface)
     mirrored = Surface(warp(mesh.nodes)[at] * [-1, 1, 1], surface.faces)
-    if morph_volume(mesh, mirrored).surface.warnings:  # only where the shape has a hand to tell
-        with pytest.raises(FemorsError, match="inside out"):
-            morph_volume(mesh, mirrored, MorphSettings(fix_mirror=True))
+    assert any("mirror image" in warning for warning in morph_volume(mesh, mirrored).surface.warnings)
+    with pytest.raises(FemorsError, match="inside out"):
+        morph_volume(mesh, mirrored, MorphSettings(fix_mirror=True))
 
 
 def test_cancel_at_any_word():
@@ -183,3 +183,19 @@ def test_knee_cartilage_follows_a_known_warp(name, kind):
     own = scaled_jacobians(mesh.moved(truth))[valid].min()
     assert scaled_jacobians(mesh.moved(result.nodes))[valid].min() >= 0.8 * own
     assert result.surface.converged
+
+
+def test_nodes_of_no_weight_stay_and_the_figures_are_of_the_end():
+    mesh = plate()
+    surface, at = mesh.surface()
+    target = Surface(warp(mesh.nodes)[at], surface.faces)
+    weights = (mesh.nodes[:, 0] > 0).astype(float)
+    result = morph_volume(mesh, target, MorphSettings(alignment="none"), weights=weights)
+    assert np.array_equal(result.nodes[weights == 0], mesh.nodes[weights == 0])
+    assert np.abs(result.nodes[weights == 1] - mesh.nodes[weights == 1]).max() > 1.0
+    whole = morph_volume(mesh, target)
+    distance = SurfaceIndex(target).closest(whole.nodes[at]).distance
+    assert whole.surface.surface_distance == pytest.approx(distance, abs=1e-9)
+    assert np.array_equal(whole.surface.vertices, whole.nodes[at])
+    with pytest.raises(FemorsError, match="one for each node"):
+        morph_volume(mesh, target, weights=weights[:5])
