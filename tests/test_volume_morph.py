@@ -36,7 +36,7 @@ def plate(cells: tuple[int, int, int] = (14, 10, 3)) -> VolumeMesh:
 
 def warp(nodes: np.ndarray) -> np.ndarray:
     """A smooth map that moves nodes by up to 3."""
-    x, y, z = nodes.T
+    x, y, _ = nodes.T
     return nodes + np.column_stack([1.5 * np.sin(y / 8), 2 * np.cos(x / 12), 1.5 * np.sin(x / 9 + y / 11)])
 
 
