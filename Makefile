@@ -25,7 +25,7 @@ $(STAMP): requirements/venv.txt requirements/make_venv.sh
 demo: setup ## two bones of its own making, morphed through the real operator: .blend, .stl, report, PNG
 	@$(VENV)/bin/python demo/run.py
 
-test: setup ## core tests, Blender tests on the bpy wheel, and in a real blender where there is one
+test: setup ## core tests, Blender tests on the bpy wheel, and in a real blender and its window where there is one
 	@tests/run_all.sh
 
 lint: setup ## ruff and mypy

@@ -12,11 +12,14 @@ the error of every vertex is known and goes into the report.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import ctypes
 import importlib
 import json
 import os
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -112,6 +115,27 @@ def morph(core: ModuleType, nodes: int) -> tuple[Any, Any, Any, dict[str, Any]]:
     return source, target, result, figures(result, pair.truth, wall)
 
 
+@contextlib.contextmanager
+def silenced() -> Iterator[None]:
+    """Lead what Blender itself writes to stdout (a line for each part of a picture) into nothing.
+
+    Errors, on stderr and as exceptions, still show. Blender writes past Python's stream, so the
+    file descriptor below both is turned.
+    """
+    sys.stdout.flush()
+    kept = os.dup(1)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 1)
+    os.close(null)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(AttributeError, OSError, TypeError):  # C's own buffer too
+            ctypes.CDLL(None).fflush(None)
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
 def write(options: argparse.Namespace, objects: tuple[Any, Any, Any], report: dict[str, Any]) -> list[Path]:
     """Write the files and return their paths."""
     import bpy
@@ -127,7 +151,8 @@ def write(options: argparse.Namespace, objects: tuple[Any, Any, Any], report: di
         scene = picture.compose(*objects, report)
         paths.append(out / "femors_demo.png")
         print("Rendering the picture ...", flush=True)
-        picture.render(scene, paths[-1], options.samples, options.width)
+        with silenced():
+            picture.render(scene, paths[-1], options.samples, options.width)
     # the target coincides with the result: seen as wire, both can be told apart
     objects[1].display_type = "WIRE"
     bpy.ops.wm.save_as_mainfile(filepath=str(paths[0]), compress=True)

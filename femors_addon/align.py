@@ -270,7 +270,7 @@ def _frame(nodes: Float) -> tuple[Float, Float, float]:
     return centre, axes, float(np.sqrt(((nodes - centre) ** 2).sum(axis=1).mean()))
 
 
-def _canonical(nodes: Float) -> Float:
+def canonical_frame(nodes: Float) -> Float:
     """Rigid transform (4, 4) into the principal frame, axes pointing to the longer tails."""
     centre, axes, _ = _frame(nodes)
     tails = (((nodes - centre) @ axes) ** 3).sum(axis=0)
@@ -415,7 +415,7 @@ def align(
         return Alignment(start, _misfit(start, source, target, partial), tuple(warnings))
     progress(0.0, "alignment: samples")
     # in its own principal frame the source is reduced alike from whatever pose it comes
-    canonical = _canonical(transformed(start, source.vertices))
+    canonical = canonical_frame(transformed(start, source.vertices))
     start = canonical @ start
     scaled = source.moved(transformed(start, source.vertices))
     ours, theirs = _Side.of(scaled, SAMPLE), _Side.of(target, SAMPLE)

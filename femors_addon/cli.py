@@ -7,15 +7,18 @@ import argparse
 import json
 import sys
 import tomllib
-import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from . import cli_convert, deckfiles, files, landmarkfiles
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
 from .deck_morph import morph_part
+from .intersect import self_intersections
+from .mesh import Surface, clean
 from .meshfiles import MeshFile
 from .morph import MorphResult, morph
 from .morph_settings import PRESETS, MorphSettings
@@ -29,8 +32,8 @@ EXIT_CODES = """exit codes:
   1    the result is written, but the morph did not converge, or the result has flipped
        faces or self-intersections that the source had not; the reason is on stderr
   2    bad input or usage: one line on stderr, nothing is written
-  3    a defect of FEMORS: a traceback to be reported, nothing is written
-  130  interrupted (Ctrl-C), nothing is written
+  3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
+  130  interrupted (Ctrl-C); the last line says if anything is written
 """
 
 
@@ -58,9 +61,11 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
     try:
         parser = _parser(prog)
         try:
-            args = parser.parse_args(argv)
+            args, unknown = parser.parse_known_args(argv)
         except SystemExit as stop:  # --help and --version end so
             return int(stop.code or 0)
+        if unknown:  # the help of the command that was meant is the one to look at
+            getattr(args, "parser", parser).error(f"unrecognized arguments: {' '.join(unknown)}")
         if args.command is None:
             parser.error(f"a command is needed: {', '.join(command.name for command in COMMANDS)}")
         console = Console(args.quiet)
@@ -72,17 +77,20 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
         console.warn("not enough memory for meshes of this size; reduce them first")
         return REFUSED
     except KeyboardInterrupt:
-        console.warn("interrupted; nothing is written")
+        console.warn(f"interrupted; {_state(console)}")
         return INTERRUPTED
     except Exception:
         console.end_progress()
-        traceback.print_exc(file=console.err)
-        console.warn(
-            "this is a defect of FEMORS, and nothing is written; please report it with the lines above"
+        console.warn_of_defect(
+            f"this is a defect of FEMORS, and {_state(console)}; please report it with the lines above"
         )
         return DEFECT
     finally:
-        console.end_progress()
+        console.close()
+
+
+def _state(console: Console) -> str:
+    return "the result is written" if console.written else "nothing is written"
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
@@ -106,7 +114,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             action="store_true",
             help="no progress, notes or summary; reasons for codes 1 and 2 only",
         )
-        sub.set_defaults(command=command)
+        sub.set_defaults(command=command, parser=sub)
     return parser
 
 
@@ -157,20 +165,24 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     pairs = _landmarks(landmarks)
     source, target = deckfiles.read(args.source), deckfiles.read(args.target)
     part = cli_convert.part_of(source, args.part, "--part")
+    surface = cli_convert.surface_of(source, args.part, "--part")
     aim = cli_convert.surface_of(target, args.target_part, "--target-part")
     cli_convert.check_outputs(source, part, args.out, others)
     keywords = {"source_landmarks": pairs[0], "target_landmarks": pairs[1]}
     thing: Deck | MeshFile
     result: MorphResult | VolumeMorphResult
-    if isinstance(source, MeshFile):
-        result = morph(source.surface(), aim, settings, console.progress, **keywords)
-        thing = source.with_vertices(result.vertices)
-    else:
-        assert part is not None
-        thing, result = morph_part(source, part, aim, settings, console.progress, morph=morph, **keywords)
+    try:
+        if isinstance(source, MeshFile):
+            result = morph(surface, aim, settings, console.progress, **keywords)
+            thing = source.with_vertices(result.vertices)
+        else:
+            assert part is not None
+            thing, result = morph_part(source, part, aim, settings, console.progress, morph=morph, **keywords)
+    except FemorsError as error:
+        raise FemorsError(_with_file(str(error), args)) from None
     console.end_progress()
     figures = result.surface if isinstance(result, VolumeMorphResult) else result
-    faults = _faults(figures)
+    faults = _faults(figures, surface)
     written = deckfiles.written(thing, args.out)
     outputs = [*written.files, *others]
     with files.replacing(*outputs) as new:
@@ -181,8 +193,10 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
             paths[args.report].write_text(_report(args, result, faults), encoding="utf-8")
         if args.field is not None:
             figures.save_field(paths[args.field])
+    console.written = True
     if not args.quiet:
-        for warning in (*getattr(thing, "notes", ()), *figures.warnings, *written.notes):
+        warnings = (_with_file(text, args) for text in figures.warnings)
+        for warning in (*getattr(thing, "notes", ()), *warnings, *written.notes):
             console.warn(f"note: {warning}")
     console.say(result.summary())
     for fault in faults:
@@ -199,12 +213,22 @@ def _landmarks(paths: list[str]) -> tuple[Any, Any]:
     return landmarkfiles.paired(*map(landmarkfiles.read, paths))
 
 
-def _faults(result: MorphResult) -> list[str]:
+def _with_file(text: str, args: argparse.Namespace) -> str:
+    """Name the file in a message of the core about the "source" or the "target"."""
+    for role in ("source", "target"):
+        if text.startswith(f"{role}: "):
+            return getattr(args, role) + text[len(role) :]
+    return text
+
+
+def _faults(result: MorphResult, source: Surface) -> list[str]:
     """Return why a result is not to be trusted blindly, in words."""
     faults = [] if result.converged else [result.stop_reason]
     if result.after.flipped:
         faults.append(f"{result.after.flipped} faces of the result are flipped")
-    before, after = result.before.self_intersecting, result.after.self_intersecting
+    after = result.after.self_intersecting
+    # of the source itself: its aligned positions are rounded, and faces that touch may then cross
+    before = after and len(np.unique(self_intersections(clean(source.vertices, source.faces).surface)))
     if after > before:
         faults.append(f"{after} faces of the result cross others of it, and {before} did in the source")
     return faults
@@ -213,6 +237,7 @@ def _faults(result: MorphResult) -> list[str]:
 def _report(args: argparse.Namespace, result: MorphResult | VolumeMorphResult, faults: list[str]) -> str:
     names = {"source": args.source, "target": args.target, "out": args.out, "field": args.field}
     report = {"femors": version(), "files": names, "faults": faults, **result.report()}
+    report["warnings"] = [_with_file(text, args) for text in report["warnings"]]
     return json.dumps(report, indent=1, allow_nan=False) + "\n"
 
 

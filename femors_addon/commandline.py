@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import io
 import os
 import shutil
 import sys
 import time
+import traceback
 import typing
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NoReturn, TextIO, TypeVar
@@ -104,12 +107,21 @@ def _same(one: str, two: str) -> bool:
 
 
 class Console:
-    """Progress and complaints on stderr, results on stdout."""
+    """Progress and complaints on stderr, results on stdout.
+
+    A reader that goes away (``femors ... | head -1``) ends what is said, not what is done.
+
+    Attributes
+    ----------
+    written : bool
+        Whether the results are in their files.
+    """
 
     def __init__(self, quiet: bool = False, out: TextIO | None = None, err: TextIO | None = None) -> None:
         self.quiet = quiet
-        self.out = out or sys.stdout
-        self.err = err or sys.stderr
+        self.written = False
+        self.out = out or sys.stdout or io.StringIO()  # None where the process was started without
+        self.err = err or sys.stderr or io.StringIO()
         self._line = ""  # what stands on the terminal's last line
         self._shown = (0, time.monotonic())  # the tenth of the work, and when it was written
 
@@ -128,25 +140,50 @@ class Console:
         if self.err.isatty():
             line = line[: shutil.get_terminal_size().columns - 1]  # a line that wraps cannot be rewritten
             if line != self._line:
-                self.err.write("\r" + line.ljust(len(self._line)))
-                self.err.flush()
+                _write(self.err, "\r" + line.ljust(len(self._line)))
                 self._line = line
         elif tenth > self._shown[0] and now - self._shown[1] >= 1.0:
-            print(line, file=self.err, flush=True)
+            _write(self.err, line + "\n")
             self._shown = (tenth, now)
 
     def end_progress(self) -> None:
         """Leave the terminal's line of progress, so that what follows starts on its own."""
         if self._line:
-            self.err.write("\r" + " " * len(self._line) + "\r")
+            _write(self.err, "\r" + " " * len(self._line) + "\r")
             self._line = ""
 
     def say(self, text: str) -> None:
         """Write a result, unless told to be quiet."""
         if not self.quiet:
-            print(text, file=self.out)
+            _write(self.out, text + "\n")
 
     def warn(self, text: str) -> None:
         """Write one line of warning or complaint, quiet or not."""
         self.end_progress()
-        print(f"femors: {' '.join(text.split())}", file=self.err)
+        _write(self.err, f"femors: {' '.join(text.split())}\n")
+
+    def warn_of_defect(self, text: str) -> None:
+        """Write the traceback of the exception that is being handled, and one line below it."""
+        self.end_progress()
+        _write(self.err, traceback.format_exc())
+        self.warn(text)
+
+    def close(self) -> None:
+        """End the line of progress, and hand over what others have printed (argparse, traceback)."""
+        self.end_progress()
+        for stream in (self.out, self.err):
+            _write(stream, "")
+
+
+def _write(stream: TextIO, text: str) -> None:
+    """Write and flush; where the reader has gone, lead what follows into nothing."""
+    try:
+        stream.write(text)
+        stream.flush()
+    except BrokenPipeError:
+        # Python flushes once more when it ends, and would complain and change the exit code
+        with contextlib.suppress(OSError, ValueError):  # a stream without a file behind it
+            descriptor = stream.fileno()
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, descriptor)
+            os.close(null)

@@ -16,6 +16,8 @@ from .progress import FemorsError
 Float = NDArray[np.float64]
 Int = NDArray[np.int32]
 
+FLAT = 1e-10  # of its area to the power 1.5: a component of less volume has no inside
+
 
 def frozen(array: ArrayLike, dtype: type, columns: int) -> NDArray:
     """Return a read-only, contiguous (n, columns) array of the dtype."""
@@ -340,7 +342,10 @@ def oriented(surface: Surface) -> tuple[Surface, int]:
     faces = np.where(flip[:, None], surface.faces[:, ::-1], surface.faces)
     volume = _component_volumes(surface.vertices, faces, component)
     inside = _nesting(surface.vertices, faces, component, volume)
-    wrong = (volume < 0) != (inside % 2 == 1)
+    # a flat flap has no inside; rounding alone must not turn it
+    area = np.bincount(component, np.linalg.norm(surface.face_cross, axis=1))
+    wrong = np.abs(volume) > FLAT * area**1.5
+    wrong &= (volume < 0) != (inside % 2 == 1)
     turn = flip != wrong[component]
     if not turn.any():
         return surface, 0

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import settings as declared
-from .align import Alignment, align, transformed
-from .correspond import Target, Vectors, by_nearest, by_surface, shortened
+from .align import Alignment, align, canonical_frame, inverse, transformed
+from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
@@ -144,15 +144,19 @@ class _Work:
             progress=part(progress, 0.0, 0.2),
         )
         moved = transformed(alignment.matrix, ours.surface.vertices)
-        rest, aligned = ours.surface, ours.surface.moved(moved)
-        if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
+        rest, aligned, onto = ours.surface, ours.surface.moved(moved), alignment.matrix
+        if np.linalg.det(onto[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
             rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], rest.faces[:, ::-1])
-            aligned = Surface(moved, rest.faces)
+            aligned, onto = Surface(moved, rest.faces), onto @ np.diag([-1.0, 1.0, 1.0, 1.0])
         progress(0.2, "reduced meshes")
         counts = [node_counts(settings, len(mesh.vertices)) for mesh in (aligned, target)]
         if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
             counts[1] = counts[0]
-        sources = [*pyramid(aligned, counts[0]), aligned]
+        # reduced in its own frame: from whatever pose it came, the same edges collapse
+        own = canonical_frame(rest.vertices)
+        upright, onto = rest.moved(transformed(own, rest.vertices)), onto @ inverse(own)
+        levels = pyramid(upright, counts[0])
+        sources = [*(level.moved(transformed(onto, level.vertices)) for level in levels), aligned]
         targets = [*pyramid(target, counts[1]), target]
         return cls(alignment, rest, aligned, SurfaceIndex(target), sources, targets, target.diagonal)
 
@@ -235,7 +239,8 @@ def _run(
             break
         asked = vectors.displacements if published else shortened(vectors.displacements, iteration.spread)
         field = DisplacementField(vectors.centres, asked, iteration.spread)
-        step = stage.step_scale * field(moved.vertices)
+        given = widening(field, moved.vertices) if settings.partial == "target" else field(moved.vertices)
+        step = stage.step_scale * given
         after = slide(moved, displacement + step, mean, settings.sliding)
         step = (after - displacement) if share is None else share[:, None] * (after - displacement)
         if rest is work.aligned:

@@ -128,11 +128,11 @@ class MorphResult:
             ("dihedral angle, degrees", "dihedral"),
             ("movement", "movement"),
         ]
-        lines = [f"{'':28}{'aligned':36}{'morphed'}"]
+        lines = [f"{'':28}{'aligned':44}{'morphed'}"]
         for label, name in rows:
-            lines.append(f"{label:28}{getattr(self.before, name)!s:36}{getattr(self.after, name)!s}")
+            lines.append(f"{label:28}{getattr(self.before, name)!s:44}{getattr(self.after, name)!s}")
         for label, name in (("flipped faces", "flipped"), ("self-intersecting faces", "self_intersecting")):
-            lines.append(f"{label:28}{getattr(self.before, name):<36}{getattr(self.after, name)}")
+            lines.append(f"{label:28}{getattr(self.before, name):<44}{getattr(self.after, name)}")
         lines.append(f"{self.stop_reason}; {self.seconds:.1f} s of CPU time")
         return "\n".join(lines)
 

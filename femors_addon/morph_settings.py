@@ -78,7 +78,7 @@ class MorphSettings:
     levels: int = setting(
         2,
         "Reduced levels",
-        "Reduced meshes worked on before the dense one",
+        "Reduced meshes worked on before the dense one, at least; very dense meshes take more",
         minimum=0,
         maximum=6,
         advanced=True,
@@ -94,9 +94,9 @@ class MorphSettings:
     )
     iterations: int = _iterations(24, "Iterations, reduced", "At most so many on the coarsest level")
     fine_iterations: int = _iterations(
-        10, "Iterations, fine", "At most so many on each finer reduced level (or again on the only one)"
+        8, "Iterations, fine", "At most so many on each finer reduced level (or again on the only one)"
     )
-    dense_iterations: int = _iterations(2, "Iterations, dense", "At most so many on the dense mesh")
+    dense_iterations: int = _iterations(1, "Iterations, dense", "At most so many on the dense mesh")
     spread_start: float = setting(
         0.0,
         "Spread, start",

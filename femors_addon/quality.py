@@ -11,10 +11,11 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from .intersect import Piercings, crossings, piercings, self_intersections
-from .mesh import Float, Int, Surface, unit
+from .mesh import Float, Int, Surface, edge_matrix, unit
 from .nearest import SurfaceIndex
 
 __all__ = [
@@ -35,6 +36,9 @@ __all__ = [
 
 WORST_ASPECT = 1e6
 """Aspect ratio given to a face with a side of no length, and the largest given to any."""
+
+SMALL, NOTHING = 0.1, 1e-9
+"""Below the first, figures are written with significant digits; below the second they are rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +64,17 @@ class Stat:
         return dataclasses.asdict(self)
 
     def __str__(self) -> str:
-        """Return for instance ``0.130 [0.002, 0.870] max 2.62``."""
+        """Return for instance ``0.130 [0.002, 0.870] max 2.62``, in metres ``0.00013 [2e-06, 0.00087] ...``.
+
+        Three decimals; three significant digits where those would show little, the 99th percentile
+        being below 0.1. Rounding (a maximum below 1e-9) stays 0.000.
+        """
+        if self.p99 < SMALL and self.maximum >= NOTHING:
+            median, p01, p99, maximum = (
+                f"{value:.3g}" if abs(value) >= NOTHING else "0"
+                for value in (self.median, self.p01, self.p99, self.maximum)
+            )
+            return f"{median} [{p01}, {p99}] max {maximum}"
         return f"{self.median:.3f} [{self.p01:.3f}, {self.p99:.3f}] max {_short(self.maximum)}"
 
 
@@ -118,7 +132,8 @@ def flipped_faces(before: Surface, after: Surface) -> Int:
     """Return the faces (k,) int32 that a movement has folded over or flattened to nothing.
 
     A face is folded over where its normal opposes the mean of the normals at its own corners, so that
-    a mesh which is mirrored as a whole has none. Faces that were so `before` do not count.
+    a mesh which is mirrored as a whole has none. Faces that were so `before` do not count. Of several
+    closed components, those turned inside out count with all their faces, unless all are.
 
     Parameters
     ----------
@@ -127,7 +142,7 @@ def flipped_faces(before: Surface, after: Surface) -> Int:
     """
     if before.faces is not after.faces and not np.array_equal(before.faces, after.faces):
         raise ValueError("flipped_faces() compares one mesh at two sets of positions")
-    folded = _opposed(after) & ~_opposed(before)
+    folded = (_opposed(after) & ~_opposed(before)) | _inverted(before, after)
     return np.flatnonzero(folded | (degenerate(after) & ~degenerate(before))).astype(np.int32)
 
 
@@ -135,6 +150,31 @@ def _opposed(surface: Surface) -> np.ndarray:
     """True (m,) for the faces turned against their neighbourhood."""
     around = surface.vertex_normals[surface.faces].sum(axis=1)
     return np.einsum("ij,ij->i", surface.face_normals, unit(around)) < -1e-9
+
+
+def _inverted(before: Surface, after: Surface) -> np.ndarray:
+    """True (m,) for the faces of closed components whose volume has changed its sign, unless all have."""
+    count = len(before.faces)
+    pairs, _ = before.edge_faces
+    parts, part = csgraph.connected_components(edge_matrix(pairs, count), directed=False)
+    shared = np.bincount(pairs.ravel(), minlength=count)
+    closed = np.bincount(part, shared != 3, minlength=parts) == 0
+    change = np.sign(_volumes(before, part, parts)) * np.sign(_volumes(after, part, parts))
+    turned = closed & (change < 0)
+    if not (closed & (change > 0)).any():  # mirrored as a whole
+        return np.zeros(count, dtype=bool)
+    return turned[part]
+
+
+def _volumes(surface: Surface, part: np.ndarray, parts: int) -> Float:
+    """Signed volume of each closed component (parts,), 0 where it is rounding only."""
+    centre = surface.corners.mean(axis=1)
+    faces = np.maximum(np.bincount(part, minlength=parts), 1)
+    middle = np.column_stack([np.bincount(part, axis, minlength=parts) / faces for axis in centre.T])
+    away = centre - middle[part]
+    volume = np.bincount(part, np.einsum("ij,ij->i", away, surface.face_cross), minlength=parts) / 6.0
+    reach = np.bincount(part, np.linalg.norm(away, axis=1) * surface.face_areas, minlength=parts)
+    return np.where(np.abs(volume) > 1e-9 * reach, volume, 0.0)
 
 
 def _squared_sides(surface: Surface) -> Float:

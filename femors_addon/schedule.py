@@ -9,6 +9,7 @@ from .morph_settings import MorphSettings
 
 COARSEST = 1500  # nodes of the coarsest level, where no reduction is given
 GROWTH = 4  # times as many nodes on the next finer level
+LEAP = 3.0  # times as many nodes on the dense mesh as a further level would have, for there to be one
 START = 0.15  # of the target's size: the first spread
 LEVEL_END = 1.5  # mean edges: the last spread of a reduced level
 DENSE_END = 1.4  # mean edges: the last spread of all
@@ -51,6 +52,8 @@ def node_counts(settings: MorphSettings, nodes: int) -> list[int]:
     if settings.reduction > 0:
         counts = [int(nodes * settings.reduction / GROWTH**k) for k in range(levels)][::-1]
     else:
+        while levels and COARSEST * GROWTH**levels * LEAP < nodes:
+            levels += 1  # a very dense mesh takes more levels, for its details not to come all at once
         counts = [COARSEST * GROWTH**k for k in range(levels)]
     return [count for count in counts if 20 <= count < 0.9 * nodes]
 
@@ -105,7 +108,8 @@ def stages(settings: MorphSettings, edges: list[float], size: float) -> list[Sta
     for level in range(1, dense):
         first = RESTART * edges[level - 1]
         last = max(LEVEL_END * edges[level], floor)
-        add("fine", level, settings.fine_iterations, max(first, last), last, NORMALS_SHARE)
+        count = settings.fine_iterations if level == 1 else -(-settings.fine_iterations // 2 ** (level - 1))
+        add("fine", level, count, max(first, last), last, NORMALS_SHARE)
     if dense and dense < settings.levels and not settings.spread_decay:
         # a mesh too small for all the levels has its finer iterations on the dense one
         first, last = RESTART * edges[dense - 1], max(LEVEL_END * edges[dense], floor)

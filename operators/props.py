@@ -120,10 +120,10 @@ def result_properties(flags: frozenset[str] = FORM, hide_target: bool = False) -
             options=options,
         ),
         "hide_target": bpy.props.BoolProperty(
-            name="Hide target afterwards",
+            name="Hide target",
             description=(
-                "Hide the target in the viewport when the result is there: "
-                "two surfaces in one place flicker (Alt+H shows it again)"
+                "Hide the target in the viewport afterwards: beside the result, "
+                "in the same place, it flickers (Alt+H shows it again)"
             ),
             default=hide_target,
             options=options,

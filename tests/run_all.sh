@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # run_all.sh: what `make test` runs. The core's tests; the Blender tests on the bpy wheel of .venv;
 # the same inside a real `blender -b`, and the core's again in its Python and NumPy, where one is found:
-# $BLENDER, `blender` on PATH, or the one that `make blender` has fetched. The last line says what ran, what it gave, and what was skipped.
+# $BLENDER, `blender` on PATH, or the one that `make blender` has fetched; and, with the fetched one, a
+# story in a window under Xvfb. The last line says what ran, what it gave, and what was skipped.
 #   FEMORS_NEED_BLENDER=1   a missing real Blender is a failure (CI)
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1
@@ -11,7 +12,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 limit=""
 command -v timeout >/dev/null && limit="timeout --foreground -k 10 1200" # a hang must not last for ever
-verdict="" failed=0
+verdict="" failed=0 skipped=0
 
 # stage NAME COMMAND...: run pytest and keep its closing line
 stage() {
@@ -25,18 +26,41 @@ stage() {
     failed=1
     result="FAILED with exit code $code${result:+ ($result)}"
   fi
+  [[ $result =~ ([0-9]+)\ skipped ]] && skipped=$((skipped + BASH_REMATCH[1]))
   verdict+="$name: ${result:-passed}; "
+}
+
+# story: a morph as a person does it, in the fetched Blender's window; needs Xvfb, which came with it
+story() {
+  local site code
+  if [ ! -x "$fetched" ] || [ ! -x "$runner" ]; then
+    verdict+="SKIPPED: window, for no Blender with Xvfb was fetched ('make blender'); "
+    return
+  fi
+  printf '\n##### window\n'
+  if ! site=$(tests/prepare_blender.sh "$fetched"); then
+    failed=1 verdict+="window: FAILED, $fetched could not be prepared; "
+    return
+  fi
+  $limit "$runner" python3 tests/window/run_window.py --out demo_output/window --site "$site" </dev/null 2>&1 | tee "$work/out"
+  code=${PIPESTATUS[0]}
+  case $code in
+    0) verdict+="window: passed in $(tail -n 1 "$work/out"); " ;;
+    5) verdict+="SKIPPED: window ($(sed -n 's/^skipped: //p' "$work/out")); " ;;
+    *) failed=1 verdict+="window: FAILED with exit code $code, see demo_output/window; " ;;
+  esac
 }
 
 blender=${BLENDER:-$(command -v blender || true)}
 fetched=${FEMORS_BLENDER_DIR:-$HOME/.cache/femors/blender}/blender-trixie
+runner=${fetched%/*}/run-trixie
 [ -n "$blender" ] || [ ! -x "$fetched" ] || blender=$fetched
 
 stage "core" "$python" -m pytest
 stage "bpy wheel" env BLENDER_USER_RESOURCES="$(mktemp -d "$work/wheel-XXXX")" "$python" -m pytest tests/blender
 
 if [ -z "$blender" ]; then
-  verdict+="SKIPPED: blender -b, for no blender was found ('make blender' fetches one, BLENDER=... names one)"
+  verdict+="SKIPPED: blender -b, for no blender was found ('make blender' fetches one, BLENDER=... names one); "
   [ -z "${FEMORS_NEED_BLENDER:-}" ] || failed=1
 elif site=$(tests/prepare_blender.sh "$blender"); then
   version=$("$blender" --version 2>/dev/null </dev/null | head -n 1)
@@ -48,12 +72,17 @@ elif site=$(tests/prepare_blender.sh "$blender"); then
   }
   inside "blender -b ($version)" tests/blender
   inside "core in that Blender's Python" tests/test_*.py
-  verdict+="no part was skipped"
 else
   failed=1
-  verdict+="blender -b ($blender): FAILED, it could not be prepared"
+  verdict+="blender -b ($blender): FAILED, it could not be prepared; "
 fi
+story
 
+if [ "$skipped" -gt 0 ]; then
+  verdict+="$skipped single test(s) skipped, for the reasons above"
+else
+  verdict+="no single test was skipped"
+fi
 [ -d "${FEMORS_DATA:-../shared/data}" ] || verdict+="; without ../shared/data, so the tests on real anatomy were skipped"
 printf '\nmake test: %s\n' "$verdict"
 exit $failed

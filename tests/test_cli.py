@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from femors_addon import cli, commandline, landmarkfiles, meshfiles, settings
+from femors_addon.intersect import self_intersections
 from femors_addon.meshfiles import MeshFile
 from femors_addon.morph import MorphResult
 from femors_addon.morph_settings import PRESETS, MorphSettings
@@ -248,11 +249,36 @@ def test_bad_files_are_one_line_and_nothing_is_written(pair, tmp_path, capsys, n
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_a_typing_error_points_to_the_help_of_its_command(capsys, no_morph):
+    said = refused(capsys, "morph", "a.stl", "b.stl", "-o", "c.stl", "--quite")
+    assert said == "femors: unrecognized arguments: --quite (see 'femors morph --help')\n"
+    assert "(see 'femors --help')" in refused(capsys, "--quite")
+
+
+def test_messages_of_the_core_name_the_file(pair, tmp_path, capsys, monkeypatch, morphed):
+    source, target = pair
+    texts = ["source: is odd", "target: is odd", "the source is odd"]
+    expected = [f"{source}: is odd", f"{target}: is odd", "the source is odd"]
+    noted = dataclasses.replace(morphed, warnings=tuple(texts))
+    monkeypatch.setattr(cli, "morph", lambda *args, **kwargs: noted)
+    report = tmp_path / "r.json"
+    _, _, err = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl", "--report", report)
+    assert err.splitlines() == [f"femors: note: {text}" for text in expected]
+    assert json.loads(report.read_text())["warnings"] == expected
+    for text, said in zip(texts, expected, strict=True):
+
+        def refuse(*args, text=text, **kwargs):
+            raise FemorsError(text)
+
+        monkeypatch.setattr(cli, "morph", refuse)
+        assert refused(capsys, "morph", *pair, "-o", tmp_path / "o.stl") == f"femors: {said}\n"
+
+
 def test_a_mesh_that_cannot_be_morphed_is_one_line(tmp_path, capsys):
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
     meshfiles.write(tmp_path / "ball.stl", ball(8, 8, (1, 1, 1)))
     err = refused(capsys, "morph", tmp_path / "flat.obj", tmp_path / "ball.stl", "-o", tmp_path / "o.stl")
-    assert "source" in err
+    assert err.startswith(f"femors: {tmp_path / 'flat.obj'}: ")
     assert not (tmp_path / "o.stl").exists()
 
 
@@ -262,6 +288,66 @@ def test_a_defect_is_not_a_result(pair, tmp_path, capsys, no_morph):
     assert "Traceback" in err
     assert "please report" in err
     assert not (tmp_path / "o.stl").exists()
+
+
+@pytest.mark.parametrize(("error", "code"), [(KeyError, 3), (KeyboardInterrupt, 130)])
+def test_what_goes_wrong_after_the_writing_says_so(pair, tmp_path, capsys, monkeypatch, morphed, error, code):
+    def fails(self):
+        raise error("summary")
+
+    monkeypatch.setattr(cli, "morph", lambda *args, **kwargs: morphed)
+    monkeypatch.setattr(MorphResult, "summary", fails)
+    seen, _, err = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl")
+    assert seen == code
+    assert "the result is written" in err.splitlines()[-1]
+    assert "nothing is written" not in err
+    assert (tmp_path / "o.stl").exists()
+
+
+@pytest.mark.parametrize("argv", [["morph", "a.obj", "b.stl", "-o", "o.stl"], ["--help"]])
+@pytest.mark.parametrize("both", [False, True])
+def test_a_reader_that_goes_away_does_not_change_the_end(pair, tmp_path, argv, both):
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "femors_addon", *argv]
+    for path, name in zip(pair, ("a.obj", "b.stl"), strict=True):
+        path.rename(tmp_path / name)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env=environment,
+        stdout=write,
+        stderr=write if both else subprocess.PIPE,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    os.close(write)
+    assert done.returncode == 0, done.stderr
+    assert "Error" not in (done.stderr or "")
+    assert (tmp_path / "o.stl").exists() == ("morph" in argv)
+
+
+def test_self_intersections_are_counted_on_the_source_itself(tmp_path, capsys, monkeypatch, morphed):
+    crossing = MeshFile(
+        np.concatenate((SOURCE.vertices, SOURCE.vertices + (10.0, 3.0, 1.0))),
+        np.concatenate((SOURCE.sizes, SOURCE.sizes)),
+        np.concatenate((SOURCE.corners, SOURCE.corners + len(SOURCE.vertices))),
+    )
+    own = len(np.unique(self_intersections(crossing.surface())))
+    assert own > 10
+    meshfiles.write(tmp_path / "a.obj", crossing)
+    meshfiles.write(tmp_path / "b.stl", TARGET)
+    vertices = crossing.vertices
+    for count, expected in ((own, 0), (own + 1, 1)):
+        after = dataclasses.replace(morphed.after, self_intersecting=count)
+        before = dataclasses.replace(morphed.before, self_intersecting=0)  # of other positions: no matter
+        changed = dataclasses.replace(morphed, vertices=vertices, before=before, after=after)
+        monkeypatch.setattr(cli, "morph", lambda *args, changed=changed, **kwargs: changed)
+        code, _, err = run(capsys, "morph", tmp_path / "a.obj", tmp_path / "b.stl", "-o", tmp_path / "o.stl")
+        assert code == expected
+        assert not expected or f"and {own} did in the source" in err
 
 
 def test_out_of_memory_is_one_line(pair, tmp_path, capsys, monkeypatch):

@@ -338,7 +338,7 @@ def test_memory_is_bounded_by_blocks():
         at = around(many, 1.0, 20_000)
         for spread in (1.0, 60.0):
             field = DisplacementField(many, smooth(many), spread)
-            assert peak(lambda field=field: field(at)) < 140.0, spread
+            assert peak(lambda field=field, at=at: field(at)) < 140.0, spread
 
 
 def test_the_same_bits_every_time(surfaces):

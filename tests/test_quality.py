@@ -83,6 +83,24 @@ def test_a_stat_in_words(maximum, text):
     assert str(Stat(0.13, 0.002, 0.87, maximum)) == text
 
 
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [
+        (1.0, "0.130 [0.002, 0.870] max 2.62"),
+        (1e-3, "0.00013 [2e-06, 0.00087] max 0.00262"),
+        (1e-1, "0.013 [0.0002, 0.087] max 0.262"),
+        (1e-12, "0.000 [0.000, 0.000] max 0.000"),
+        (0.0, "0.000 [0.000, 0.000] max 0.00"),
+    ],
+)
+def test_small_stats_keep_their_digits(factor, text):
+    assert str(Stat(*(factor * np.array((0.13, 0.002, 0.87, 2.6204))))) == text
+
+
+def test_rounding_beside_small_figures_is_zero():
+    assert str(Stat(1e-14, 0.0, 0.002, 0.03)) == "0 [0, 0.002] max 0.03"
+
+
 # --- the shape of faces -------------------------------------------------------------------------
 def test_aspect_ratio_is_longest_over_shortest_side():
     assert aspect_ratio(triangle((0, 0, 0), (3, 0, 0), (0, 4, 0))) == pytest.approx([5 / 3])
@@ -143,6 +161,29 @@ def test_open_edges_and_faces_without_area_have_no_dihedral():
 def test_no_face_is_flipped_by_a_movement_of_the_whole(change):
     for shape in (bone(1000), box((1, 1, 1), 3), sheet()):
         assert len(flipped_faces(shape, shape.moved(shape.vertices @ change + 5.0))) == 0
+
+
+def test_a_component_that_is_turned_inside_out_is_flipped():
+    one, two = sphere(2), bone(1000)
+    n, m = len(one.vertices), len(one.faces)
+    both = Surface(np.concatenate((one.vertices, two.vertices)), np.concatenate((one.faces, two.faces + n)))
+    for start, at in (((slice(0, n)), range(m)), (slice(n, None), range(m, len(both.faces)))):
+        points = both.vertices.copy()
+        points[start] = 200.0 - points[start]
+        assert flipped_faces(both, both.moved(points)).tolist() == list(at)
+        assert len(flipped_faces(both.moved(points), both.moved(points))) == 0
+    points = -both.vertices  # all of it: a mirror image
+    assert len(flipped_faces(both, both.moved(points @ rotation(5)))) == 0
+    # an open piece has no inside: bent the other way it is not flipped, and it says nothing of the rest
+    dish = sheet(4)
+    bend = np.sum((dish.vertices[:, :2] - 2.0) ** 2, axis=1) / 20.0
+    dish = dish.moved(dish.vertices + bend[:, None] * (0.0, 0.0, 1.0))
+    pieces = Surface(
+        np.concatenate((one.vertices, dish.vertices)), np.concatenate((one.faces, dish.faces + n))
+    )
+    points = pieces.vertices.copy()
+    points[n:, 2] *= -1.0
+    assert len(flipped_faces(pieces, pieces.moved(points))) == 0
 
 
 @pytest.mark.parametrize("lift", [0.0, 0.01])

@@ -74,7 +74,7 @@ def test_standard_and_its_kin_know_no_unit():
 
 @pytest.mark.parametrize(
     ("nodes", "counts"),
-    [(24_000, [1500, 6000]), (6_000, [1500]), (1_000, []), (100_000, [1500, 6000]), (4, [])],
+    [(24_000, [1500, 6000]), (6_000, [1500]), (1_000, []), (100_000, [1500, 6000, 24_000]), (4, [])],
 )
 def test_levels_without_a_reduction_have_fixed_sizes(nodes, counts):
     assert node_counts(STANDARD, nodes) == counts

@@ -12,10 +12,14 @@ import bpy
 from ..operators.morph import NOTHING
 
 TABLE = (
-    ("Target to source", "target_to_surface", ("median", "p99", "maximum"), "length"),
-    ("Source to target", "surface_to_target", ("median", "p99", "maximum"), "length"),
-    ("Aspect ratio", "aspect", ("median", "maximum"), ""),
-    ("Dihedral angle", "dihedral", ("median", "p99"), "degrees"),
+    ("Target to source", "target_to_surface", ("median", "p99", "maximum")),
+    ("Source to target", "surface_to_target", ("median", "p99", "maximum")),
+)
+SHAPE = (
+    ("Aspect, median", "aspect", "median"),
+    ("Aspect, max", "aspect", "maximum"),
+    ("Dihedral, median", "dihedral", "median"),
+    ("Dihedral, 99 % (°)", "dihedral", "p99"),
 )
 """The distance from the target first: the other is nothing where vertices are laid onto the target."""
 WORDS = {"median": "median", "p99": "99 %", "maximum": "max"}
@@ -86,17 +90,17 @@ def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bp
     if "volume" in report:
         _draw_elements(column, report["volume"])
     factor, unit = length_unit(context.scene.unit_settings)
-    for title, key, parts, kind in TABLE:
+    for title, key, parts in TABLE:
         box = column.box().column(align=True)
         heading = box.row()
         heading.scale_y = 0.7
-        words = unit if kind == "length" else kind
-        heading.label(text=f"{title} ({words})" if words else title)
-        scale = factor if kind == "length" else 1.0
+        heading.label(text=f"{title} ({unit})")
         for part in parts:
-            _row(
-                box, "    " + WORDS[part], number(scale * before[key][part]), number(scale * after[key][part])
-            )
+            values = (number(factor * side[key][part]) for side in (before, after))
+            _row(box, "    " + WORDS[part], *values)
+    box = column.box().column(align=True)
+    for title, key, part in SHAPE:
+        _row(box, title, number(before[key][part]), number(after[key][part]))
 
 
 def _draw_elements(layout: bpy.types.UILayout, elements: dict[str, Any]) -> None:
