@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import sys
 import tomllib
@@ -14,13 +13,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import files, landmarkfiles, meshfiles
+from . import cli_convert, deckfiles, files, landmarkfiles
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
+from .deck import Deck
+from .deck_morph import morph_part
 from .intersect import self_intersections
 from .mesh import Surface, clean
+from .meshfiles import MeshFile
 from .morph import MorphResult, morph
 from .morph_settings import PRESETS, MorphSettings
 from .progress import FemorsError
+from .volume_morph import VolumeMorphResult
 
 DONE, IMPERFECT, REFUSED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -91,9 +94,7 @@ def _state(console: Console) -> str:
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
-    parser = Parser(
-        prog=prog, description="Morph one surface mesh into the shape of another.", allow_abbrev=False
-    )
+    parser = Parser(prog=prog, description="Morph one mesh into the shape of another.", allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"FEMORS {version()}")
     parser.set_defaults(command=None)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
@@ -128,14 +129,20 @@ def version() -> str:
 
 # --- morph ----------------------------------------------------------------------------------------
 def _morph_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", metavar="SOURCE", help="the mesh to be morphed: STL, PLY or OBJ")
-    parser.add_argument("target", metavar="TARGET", help="the mesh whose shape it takes: STL, PLY or OBJ")
+    parser.add_argument("source", metavar="SOURCE", help=f"what is to be morphed: {cli_convert.KINDS}")
+    parser.add_argument("target", metavar="TARGET", help="what has the shape that it takes, of any such kind")
     parser.add_argument(
         *("-o", "--out"),
         metavar="OUT",
         required=True,
-        help="the result, with the vertices and faces of SOURCE",
+        help="the result, with the vertices and faces of SOURCE, or SOURCE's deck at new coordinates",
     )
+    parser.add_argument(
+        "--part",
+        metavar="NAME",
+        help="the part, element set or node set of SOURCE to be morphed, where a deck has several; or 'all'",
+    )
+    parser.add_argument("--target-part", metavar="NAME", help="the same of TARGET")
     parser.add_argument("--report", metavar="R.json", help="settings, history and every figure, as JSON")
     parser.add_argument(
         "--field", metavar="F.npz", help="the alignment and the displacement field, as NumPy arrays"
@@ -151,37 +158,45 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     """Morph SOURCE onto TARGET; all that can be refused is refused before the long computation."""
     settings = settings_of(args, PRESETS[getattr(args, "setting_preset", "standard")])
     landmarks = [path for path in (args.source_landmarks, args.target_landmarks) if path is not None]
-    outputs = [path for path in (args.out, args.report, args.field) if path is not None]
-    check_paths([args.source, args.target, *landmarks], outputs)
-    meshfiles.check_suffix(args.out)
-    files.check_writable(*outputs)
+    others = [path for path in (args.report, args.field) if path is not None]
+    check_paths([args.source, args.target, *landmarks], [args.out, *others])
+    deckfiles.suffix_of(args.out)
+    files.check_writable(args.out, *others)
     pairs = _landmarks(landmarks)
-    source, target = meshfiles.read(args.source), meshfiles.read(args.target)
-    surface = source.surface()
+    source, target = deckfiles.read(args.source), deckfiles.read(args.target)
+    part = cli_convert.part_of(source, args.part, "--part")
+    surface = cli_convert.surface_of(source, args.part, "--part")
+    aim = cli_convert.surface_of(target, args.target_part, "--target-part")
+    cli_convert.check_outputs(source, part, args.out, others)
+    keywords = {"source_landmarks": pairs[0], "target_landmarks": pairs[1]}
+    thing: Deck | MeshFile
+    result: MorphResult | VolumeMorphResult
     try:
-        result = morph(
-            surface,
-            target.surface(),
-            settings,
-            console.progress,
-            source_landmarks=pairs[0],
-            target_landmarks=pairs[1],
-        )
+        if isinstance(source, MeshFile):
+            result = morph(surface, aim, settings, console.progress, **keywords)
+            thing = source.with_vertices(result.vertices)
+        else:
+            assert part is not None
+            thing, result = morph_part(source, part, aim, settings, console.progress, morph=morph, **keywords)
     except FemorsError as error:
         raise FemorsError(_with_file(str(error), args)) from None
-    result = dataclasses.replace(result, warnings=tuple(_with_file(text, args) for text in result.warnings))
     console.end_progress()
-    faults = _faults(result, surface)
+    figures = result.surface if isinstance(result, VolumeMorphResult) else result
+    faults = _faults(figures, surface)
+    written = deckfiles.written(thing, args.out)
+    outputs = [*written.files, *others]
     with files.replacing(*outputs) as new:
         paths = dict(zip(outputs, new, strict=True))
-        paths[args.out].write_bytes(meshfiles.encoded(args.out, source.with_vertices(result.vertices)))
+        for path, data in written.files.items():
+            paths[path].write_bytes(data)
         if args.report is not None:
             paths[args.report].write_text(_report(args, result, faults), encoding="utf-8")
         if args.field is not None:
-            result.save_field(paths[args.field])
+            figures.save_field(paths[args.field])
     console.written = True
     if not args.quiet:
-        for warning in result.warnings:
+        warnings = (_with_file(text, args) for text in figures.warnings)
+        for warning in (*getattr(thing, "notes", ()), *warnings, *written.notes):
             console.warn(f"note: {warning}")
     console.say(result.summary())
     for fault in faults:
@@ -219,9 +234,10 @@ def _faults(result: MorphResult, source: Surface) -> list[str]:
     return faults
 
 
-def _report(args: argparse.Namespace, result: MorphResult, faults: list[str]) -> str:
+def _report(args: argparse.Namespace, result: MorphResult | VolumeMorphResult, faults: list[str]) -> str:
     names = {"source": args.source, "target": args.target, "out": args.out, "field": args.field}
     report = {"femors": version(), "files": names, "faults": faults, **result.report()}
+    report["warnings"] = [_with_file(text, args) for text in report["warnings"]]
     return json.dumps(report, indent=1, allow_nan=False) + "\n"
 
 
@@ -232,6 +248,13 @@ COMMANDS = (
         help="Morph SOURCE into the shape of TARGET.",
         options=_morph_options,
         run=_morph,
+    ),
+    Command(
+        name="convert",
+        usage="IN OUT [options]",
+        help="Write IN in the format that OUT's name says; in its own format it stays as it is.",
+        options=cli_convert.options,
+        run=cli_convert.run,
     ),
 )
 """Every subcommand; a new one is a function for its options, one that runs it, and a line here."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import command, dependencies, job, morph, props
+from . import command, decks, dependencies, job, morph, props
 
 
 def register() -> None:
@@ -15,12 +15,14 @@ def register() -> None:
     job.register()
     for cls in morph.classes:
         bpy.utils.register_class(cls)
+    decks.register()
     command.register()
 
 
 def unregister() -> None:
     """End a running job and take everything back, in reverse."""
     command.unregister()
+    decks.unregister()
     job.unregister()
     for cls in reversed(morph.classes):
         bpy.utils.unregister_class(cls)

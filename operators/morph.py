@@ -13,7 +13,7 @@ import numpy as np
 from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.progress import FemorsError
 from ..femors_addon.settings import check, specs
-from . import dependencies, result, scene
+from . import deck_morph, dependencies, result, scene
 from .form import fill_from_preset, read_settings
 from .job import Compute, JobOperator
 from .props import ARGUMENT, RESULT_OPTIONS, add_properties, result_properties, setting_properties
@@ -105,11 +105,13 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         ours, theirs = (
             scene.paired_landmarks(self._source, self._target) if self.use_landmarks else (None, None)
         )
-        surfaces = [Surface(shot.vertices, shot.triangles) for shot in (self._source, self._target)]
-        weights = self._source.weights
-        return lambda progress: morph(
-            *surfaces, settings, progress, weights=weights, source_landmarks=ours, target_landmarks=theirs
-        )
+        landmarks = {"source_landmarks": ours, "target_landmarks": theirs}
+        aim = deck_morph.surface_of(target, self._target)
+        part = deck_morph.source_of(source, self._source)
+        if part is not None:
+            return lambda progress: deck_morph.morph(part, aim, settings, progress, landmarks)
+        surface, weights = Surface(self._source.vertices, self._source.triangles), self._source.weights
+        return lambda progress: morph(surface, aim, settings, progress, weights=weights, **landmarks)
 
     def apply(self, context: bpy.types.Context, morphed: Any) -> tuple[str, str]:
         """Write the shape, its figures and its attributes; what can be refused is refused first."""
@@ -133,6 +135,8 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
             note = result.shape_key(source, local, attributes, self._target.name)
         else:
             note = result.in_place(source, local, attributes, inside_out)
+        if isinstance(morphed, deck_morph.PartMorph):
+            deck_morph.remember(item, morphed, self.result)
         item.femors.report = report
         if self.hide_target and target.visible_get():
             target.hide_set(True)
@@ -148,11 +152,10 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         word, distance = ("to", after.surface_to_target) if part else ("from", after.target_to_surface)
         figures = (distance.median, distance.p99, distance.maximum)
         median, p99, most = (f"{x:.3g}" if abs(x) > NOTHING else "0" for x in figures)
-        line = (
-            f"'{item.name}': distance {word} '{self._target.name}': median {median}, 99 % {p99}, max {most}; "
-            f"{morphed.stop_reason}{note}"
-        )
-        faults = [*morphed.warnings]
+        elements, faults = deck_morph.sentences(morphed)
+        distances = f"distance {word} '{self._target.name}': median {median}, 99 % {p99}, max {most}"
+        line = "; ".join([f"'{item.name}': {distances}", *elements, f"{morphed.stop_reason}{note}"])
+        faults += morphed.warnings
         if after.flipped or after.self_intersecting:
             faults.append(f"{after.flipped} flipped and {after.self_intersecting} self-intersecting faces")
         return ("WARNING" if faults or not morphed.converged else "INFO"), "; ".join([line, *faults])

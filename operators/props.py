@@ -159,19 +159,35 @@ class FEMORS_PG_object(bpy.types.PropertyGroup):
     )
 
 
-classes = (FEMORS_PG_scene, FEMORS_PG_object)
+class FEMORS_PG_mesh(bpy.types.PropertyGroup):
+    """Where a mesh belongs in a finite-element model, `Mesh.femors`."""
+
+    deck: bpy.props.PointerProperty(
+        type=bpy.types.Text,
+        name="Deck",
+        description="The text that keeps the files that this mesh was read from",
+        options={"HIDDEN"},
+    )
+    part: bpy.props.StringProperty(
+        name="Part", description="Which part of the deck this mesh is", options={"HIDDEN"}
+    )
+
+
+classes = (FEMORS_PG_scene, FEMORS_PG_object, FEMORS_PG_mesh)
 
 
 def register() -> None:
-    """Register the property groups and hang them on scenes and objects."""
+    """Register the property groups and hang them on scenes, objects and meshes."""
     for cls in classes:
         bpy.utils.register_class(cls)
     bpy.types.Scene.femors = bpy.props.PointerProperty(type=FEMORS_PG_scene)
     bpy.types.Object.femors = bpy.props.PointerProperty(type=FEMORS_PG_object)
+    bpy.types.Mesh.femors = bpy.props.PointerProperty(type=FEMORS_PG_mesh)
 
 
 def unregister() -> None:
     """Take the property groups back."""
+    del bpy.types.Mesh.femors
     del bpy.types.Object.femors
     del bpy.types.Scene.femors
     for cls in reversed(classes):

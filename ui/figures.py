@@ -87,6 +87,8 @@ def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bp
     box = column.box().column(align=True)
     for title, key in COUNTS:
         _row(box, title, str(before[key]), str(after[key]), alert=after[key] > before[key])
+    if "volume" in report:
+        _draw_elements(column, report["volume"])
     factor, unit = length_unit(context.scene.unit_settings)
     for title, key, parts in TABLE:
         box = column.box().column(align=True)
@@ -99,6 +101,25 @@ def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bp
     box = column.box().column(align=True)
     for title, key, part in SHAPE:
         _row(box, title, number(before[key][part]), number(after[key][part]))
+
+
+def _draw_elements(layout: bpy.types.UILayout, elements: dict[str, Any]) -> None:
+    """Draw the figures of a finite-element model's solid elements."""
+    before, after = elements["before"], elements["after"]
+    box = layout.box().column(align=True)
+    wrong, new = len(elements["inverted_on_input"]), len(elements["newly_inverted"])
+    _row(box, "Inverted elements", str(wrong), str(wrong + new), alert=new > 0)
+    _row(
+        box,
+        f"Volume ({round(elements['volume_change'], 3) + 0.0:+.1%})",
+        number(before["volume"]),
+        number(after["volume"]),
+    )
+    heading = box.row()
+    heading.scale_y = 0.7
+    heading.label(text="Scaled Jacobian")
+    for key, word in (("minimum", "min"), ("p01", "1 %"), ("median", "median")):
+        _row(box, "    " + word, f"{before[key]:.3f}", f"{after[key]:.3f}")
 
 
 def draw_sentence(

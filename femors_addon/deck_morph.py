@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The morph of a part of a deck: of shells by their nodes, of solids by their surface and what is in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import morph as surfaces
+from .align import transformed
+from .deck import Deck, Part
+from .mesh import Surface
+from .morph_result import MorphResult
+from .morph_settings import MorphSettings
+from .progress import Progress, silent
+from .volume import carry_mid_nodes
+from .volume_morph import VolumeMorphResult, morph_volume
+
+
+def morph_part(
+    deck: Deck,
+    part: Part,
+    target: Surface,
+    settings: MorphSettings | None = None,
+    progress: Progress = silent,
+    *,
+    weights: ArrayLike | None = None,
+    source_landmarks: ArrayLike | None = None,
+    target_landmarks: ArrayLike | None = None,
+    morph: Any = None,
+) -> tuple[Deck, MorphResult | VolumeMorphResult]:
+    """Morph a part of a deck onto a surface.
+
+    Only the nodes of the part's elements move; mid-side nodes of shells go with their edges.
+
+    Parameters
+    ----------
+    deck, part : Deck, Part
+    target : Surface
+    settings, progress, source_landmarks, target_landmarks
+        As for `morph.morph`.
+    weights : (n,) array, optional
+        Of the deck's nodes, from 0 to 1: how far each may follow.
+    morph : callable, optional
+        What morphs surfaces, in place of `morph.morph`.
+
+    Returns
+    -------
+    deck : Deck
+        At its new coordinates.
+    result : MorphResult or VolumeMorphResult
+        The latter where the part has solid elements.
+
+    Raises
+    ------
+    FemorsError, Cancelled
+        As `morph.morph`.
+    """
+    mesh, nodes = deck.submesh(part)
+    settings = settings or MorphSettings()
+    options = {"source_landmarks": source_landmarks, "target_landmarks": target_landmarks}
+    share = None if weights is None else np.asarray(weights, dtype=float).ravel()[nodes]
+    coordinates = np.array(deck.coordinates)
+    result: MorphResult | VolumeMorphResult
+    if mesh.solid:
+        result = morph_volume(mesh, target, settings, progress, weights=share, **options)
+        coordinates[nodes] = result.nodes
+    else:
+        surface, on_faces = mesh.surface()
+        if share is not None:
+            options["weights"] = share[on_faces]
+        result = (morph or surfaces.morph)(surface, target, settings, progress, **options)
+        aligned = transformed(result.transform, mesh.nodes)
+        moved = aligned.copy()
+        moved[on_faces] = result.vertices
+        coordinates[nodes] = carry_mid_nodes(mesh, moved, aligned)
+    return deck.with_coordinates(coordinates), result

@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Nastran bulk data: GRID and element cards, and the file kept to be written again.
+
+meshio's writer cannot hold every number in Nastran's fields and drops all other cards, so this one is
+our own: the cards of nodes that moved are written in large fields (16 characters), all else stays.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+
+from .deck import Deck, Load, Part
+from .elements import KINDS
+from .fields import NASTRAN, number
+from .files import read_bytes, shown
+from .ids import Lookup
+from .inp_syntax import Source
+from .mesh import Float, Int
+from .progress import FemorsError
+from .volume import Block, VolumeMesh
+
+SOLIDS = {
+    "CTETRA": ("tet4", "tet10"),
+    "CPYRAM": ("pyra5", "pyra13"),
+    "CPYRA": ("pyra5", "pyra13"),
+    "CPENTA": ("penta6", "penta15"),
+    "CHEXA": ("hex8", "hex20"),
+}
+SHELLS = {
+    "CTRIA3": ("tri3", "tri3"),
+    "CTRIAR": ("tri3", "tri3"),
+    "CTRIA6": ("tri3", "tri6"),
+    "CQUAD4": ("quad4", "quad4"),
+    "CQUADR": ("quad4", "quad4"),
+    "CQUAD8": ("quad4", "quad8"),
+}
+CARDS = {**SOLIDS, **SHELLS}
+"""Kind of the element with corner nodes only, and with all its mid-side nodes."""
+NAMES = {
+    "tet4": "CTETRA",
+    "tet10": "CTETRA",
+    "pyra5": "CPYRAM",
+    "pyra13": "CPYRAM",
+    "penta6": "CPENTA",
+    "penta15": "CPENTA",
+    "hex8": "CHEXA",
+    "hex20": "CHEXA",
+    "tri3": "CTRIA3",
+    "tri6": "CTRIA6",
+    "quad4": "CQUAD4",
+    "quad8": "CQUAD8",
+}
+# Nastran has the vertical mid-side nodes before those of the top face; the order is its own inverse
+ORDER = {
+    "hex20": [*range(12), 16, 17, 18, 19, 12, 13, 14, 15],
+    "penta15": [*range(9), 12, 13, 14, 9, 10, 11],
+}
+_REAL = re.compile(r"([+-]?)([0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD]?([+-][0-9]{1,3})|[eEdD]([0-9]{1,3}))?")
+_WHOLE = re.compile(r"[0-9]{1,15}")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Card:
+    """A card: its upper-case name, its data fields, and its bytes in the file."""
+
+    name: str
+    fields: list[str]
+    start: int
+    stop: int
+
+    def field(self, index: int) -> str:
+        """Return a data field, from 0; "" where the card is shorter."""
+        return self.fields[index] if index < len(self.fields) else ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Template:
+    """A Nastran file, and the GRID card of each node (n,) with its coordinates (n, 3) as read."""
+
+    path: Path
+    data: bytes
+    cards: list[Card]
+    nodes: Float
+
+    def inputs(self) -> list[Path]:
+        """Return the file that was read."""
+        return [self.path]
+
+    def encoded(self, nodes: Float) -> bytes:
+        """Return the file's bytes with other coordinates."""
+        moved = np.flatnonzero((nodes != self.nodes).any(axis=1)).tolist()
+        out, done = bytearray(), 0
+        for index in sorted(moved, key=lambda index: self.cards[index].start):
+            card = self.cards[index]
+            out += self.data[done : card.start]
+            out += _grid(card, self.data, nodes[index], self.nodes[index])
+            done = card.stop
+        if not done:
+            return self.data
+        out += self.data[done:]
+        return bytes(out)
+
+    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
+        """Return the file by its path."""
+        return {path: self.encoded(nodes)}
+
+
+def _grid(card: Card, data: bytes, new: Float, old: Float) -> bytes:
+    """Return a node's card in large fields; fields that did not change keep their text."""
+    texts = [card.field(index).strip() for index in range(8)]
+    for axis in range(3):
+        if new[axis] != old[axis] or len(texts[2 + axis]) > NASTRAN:
+            texts[2 + axis] = number(new[axis], NASTRAN)
+    raw = data[card.start : card.stop]
+    end = b"\r\n" if b"\r\n" in raw or (not raw.endswith(b"\n") and b"\r\n" in data[:4096]) else b"\n"
+    first = "GRID*   " + "".join(text.ljust(NASTRAN) for text in texts[:4])
+    second = "*       " + "".join(text.ljust(NASTRAN) for text in texts[4:])
+    last = end if raw.endswith(b"\n") else b""
+    return first.rstrip().encode("latin-1") + end + second.rstrip().encode("latin-1") + last
+
+
+def read(path: Path, load: Load = read_bytes) -> Deck:
+    """Read a Nastran file; arguments and errors as for `inp.read`."""
+    source = Source(0, path, load(path))
+    if b"\0" in source.data:
+        raise FemorsError(f"{path}: is not a Nastran file but binary")
+    cards = _cards(source)
+    grids = [card for card in cards if card.name == "GRID"]
+    if not grids:
+        raise FemorsError(f"{path}: has no nodes (GRID cards)")
+    ids = np.array([_whole(source, card, 0, "a node's id") for card in grids], np.int64)
+    positions = np.array([_position(source, card) for card in grids])
+    lookup = Lookup(ids, 0)
+    _refuse_twins(source, grids, lookup, "node")
+    members = [card for card in cards if card.name in CARDS]
+    if not members:
+        raise FemorsError(f"{path}: has no elements with a surface (CTETRA, CHEXA, CTRIA3 and so on)")
+    blocks, parts, in_order = _elements(source, members, lookup)
+    mesh = VolumeMesh(positions, tuple(blocks), ids)
+    elements = Lookup(mesh.element_ids, 0)
+    _refuse_twins(source, in_order, elements, "element")
+    named = {
+        f"PID {pid}": Part(f"PID {pid}", mesh.restricted(chosen)[1], chosen) for pid, chosen in parts.items()
+    }
+    missed = any(card.name.startswith("INCLUDE") for card in cards)
+    notes = ("files that an INCLUDE names are not read",) if missed else ()
+    return Deck(
+        path, path.suffix.lower(), mesh, named, Template(path, source.data, grids, mesh.nodes), (), notes
+    )
+
+
+# --- cards ----------------------------------------------------------------------------------------
+def _cards(source: Source) -> list[Card]:
+    """Return the bulk data's cards that matter here, and the INCLUDE statements."""
+    data = source.data
+    begin = re.search(rb"^[ \t]*BEGIN[ \t]+BULK[^\n]*\n", data, re.MULTILINE | re.IGNORECASE)
+    start = begin.end() if begin else 0
+    out: list[Card] = []
+    lines: list[str] = []
+    first = last = start
+    for end in _ends(data, start):
+        text = data[start:end].decode("latin-1").rstrip("\r\n")
+        plain = text.strip()
+        if plain and not plain.startswith("$"):
+            if plain[:7].upper() == "ENDDATA":
+                break
+            if text[0] in "+*, \t" and lines:
+                lines.append(text)
+            else:
+                _add(out, lines, first, last)
+                lines, first = [text], start
+            last = end
+        start = end
+    _add(out, lines, first, last)
+    return out
+
+
+def _ends(data: bytes, start: int) -> list[int]:
+    newlines = np.flatnonzero(np.frombuffer(data, np.uint8)[start:] == 10) + start + 1
+    ends: list[int] = newlines.tolist()
+    return ends if ends and ends[-1] == len(data) else [*ends, len(data)]
+
+
+def _add(out: list[Card], lines: list[str], start: int, stop: int) -> None:
+    if not lines:
+        return
+    head = re.split(r"[,\s*]", lines[0].lstrip(), maxsplit=1)[0].upper()
+    if head in ("GRID", "GRDSET", "INCLUDE") or head in CARDS:
+        fields = [field for line in lines for field in _fields(line)]
+        out.append(Card(head, fields, start, stop))
+
+
+def _fields(line: str) -> list[str]:
+    """Return a line's data fields: eight, or four of a line in large fields."""
+    if "," in line:
+        parts = [part.strip() for part in line.split(",")]
+        count = 4 if "*" in parts[0] else 8
+        return (parts[1 : 1 + count] + [""] * count)[:count]
+    line = line.expandtabs(8)
+    if "*" in line[:8]:
+        return [line[8 + 16 * i : 24 + 16 * i].strip() for i in range(4)]
+    return [line[8 + 8 * i : 16 + 8 * i].strip() for i in range(8)]
+
+
+def _whole(source: Source, card: Card, index: int, what: str) -> int:
+    text = card.field(index)
+    if _WHOLE.fullmatch(text) is None or int(text) < 1:
+        raise source.error(card.start, f"{what} was expected, not '{shown(text.encode())}'")
+    return int(text)
+
+
+def _position(source: Source, card: Card) -> list[float]:
+    if card.field(1) not in ("", "0"):
+        raise source.error(
+            card.start,
+            f"node {card.field(0)} is in coordinate system {card.field(1)[:20]}; use the basic one",
+        )
+    return [_real(source, card, index) for index in (2, 3, 4)]
+
+
+def _real(source: Source, card: Card, index: int) -> float:
+    """Return a real number in one of Nastran's spellings: 7.0, .7E1, 70.-1."""
+    text = card.field(index)
+    if not text:
+        return 0.0
+    match = _REAL.fullmatch(text)
+    value = np.inf
+    if match is not None:
+        value = float(f"{match[1]}{match[2]}e{match[3] or match[4] or 0}")
+    if not np.isfinite(value):
+        raise source.error(card.start, f"a coordinate was expected, not '{shown(text.encode())}'")
+    return value
+
+
+# --- elements -------------------------------------------------------------------------------------
+def _elements(
+    source: Source, cards: list[Card], lookup: Lookup
+) -> tuple[list[Block], dict[int, Int], list[Card]]:
+    """Return the blocks, the elements of each property id, and the cards in the order of the elements."""
+    groups: dict[tuple[str, str], list[tuple[Card, list[int]]]] = {}
+    for card in cards:
+        linear, quadratic = (KINDS[name] for name in CARDS[card.name])
+        texts = [card.field(index) for index in range(2, 2 + quadratic.size)]
+        kind = quadratic if all(_WHOLE.fullmatch(text) for text in texts) else linear
+        nodes = [_whole(source, card, 2 + index, "the id of a node") for index in range(kind.size)]
+        if kind.name in ORDER:
+            nodes = [nodes[index] for index in ORDER[kind.name]]
+        groups.setdefault((card.name, kind.name), []).append((card, nodes))
+    blocks, in_order, pids = [], [], []
+    for (name, kind_name), rows in groups.items():
+        ids = np.array([nodes for _, nodes in rows], np.int64)
+        index = lookup(ids.ravel()).reshape(ids.shape)
+        if (index < 0).any():
+            at, column = np.argwhere(index < 0)[0]
+            card = rows[at][0]
+            text = f"element {card.field(0)} names node {ids[at, column]}, which the file lacks"
+            raise source.error(card.start, text)
+        numbers = np.array([_whole(source, card, 0, "an element's id") for card, _ in rows], np.int64)
+        blocks.append(Block(kind_name, index, numbers, name))
+        in_order += [card for card, _ in rows]
+        pids += [_property(source, card) for card, _ in rows]
+    properties = np.array(pids, np.int64)
+    parts = {int(pid): np.flatnonzero(properties == pid).astype(np.int32) for pid in np.unique(properties)}
+    return blocks, parts, in_order
+
+
+def _property(source: Source, card: Card) -> int:
+    return _whole(source, card, 1, "a property's id") if card.field(1) else 0
+
+
+def _refuse_twins(source: Source, cards: list[Card], lookup: Lookup, what: str) -> None:
+    twins = lookup.twins()
+    if twins is not None:
+        one, two = (cards[index] for index in twins)
+        text = f"{what} {two.field(0)} is there already, on line {source.line(one.start)}"
+        raise source.error(two.start, text)
+
+
+# --- from scratch ---------------------------------------------------------------------------------
+def fresh(mesh: VolumeMesh, parts: dict[str, Int], suffix: str = ".bdf") -> bytes:
+    """Return bulk data with nothing but nodes and elements; parts become property ids, by number."""
+    lines = ["$ written by FEMORS"]
+    lines += [f"$ PID {index + 1}: {shown(name.encode())}" for index, name in enumerate(parts)]
+    lines.append("BEGIN BULK")
+    for id_, position in zip(mesh.node_ids.tolist(), mesh.nodes.tolist(), strict=True):
+        x, y, z = (number(value, NASTRAN) for value in position)
+        lines += [f"GRID*   {id_:<32}{x:<16}{y}", f"*       {z}"]
+    pid = np.full(mesh.element_count, len(parts) + 1)
+    for index, elements in enumerate(parts.values()):
+        pid[elements] = index + 1
+    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+        order: list[int] = ORDER.get(block.kind, list(range(block.shape.size)))
+        ids = mesh.node_ids[block.nodes[:, order]]
+        table = np.column_stack((block.ids, pid[start : start + len(block)], ids)).tolist()
+        lines += [_card(NAMES[block.kind], row) for row in table]
+    return ("\n".join([*lines, "ENDDATA"]) + "\n").encode("latin-1", "replace")
+
+
+def _card(name: str, values: list[int]) -> str:
+    rows = [values[i : i + 8] for i in range(0, len(values), 8)]
+    wide = any(len(str(value)) > 8 for value in values)
+    if wide:
+        rows = [values[i : i + 4] for i in range(0, len(values), 4)]
+        heads = [f"{name}*".ljust(8), *["*".ljust(8)] * (len(rows) - 1)]
+        return "\n".join(
+            head + "".join(f"{v:<16}" for v in row) for head, row in zip(heads, rows, strict=True)
+        )
+    heads = [name.ljust(8), *["+".ljust(8)] * (len(rows) - 1)]
+    return "\n".join(head + "".join(f"{v:<8}" for v in row) for head, row in zip(heads, rows, strict=True))

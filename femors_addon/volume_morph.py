@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Morph a finite-element mesh: its outer surface by Algorithm 1, then its interior as one more layer.
+
+The interior starts from the field of the surface's displacements (a GRNN, as in the paper) and is
+relaxed to the harmonic one, which neither overshoots nor bunches up. Mid-side nodes stay on their
+edges. No element that was valid is inverted: see `kept_valid`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.linalg import cg
+
+from .align import transformed
+from .grnn import DisplacementField
+from .mesh import Float, Int, Surface, clean
+from .morph import morph
+from .morph_result import MorphResult
+from .morph_settings import MorphSettings
+from .nearest import SurfaceIndex
+from .progress import FemorsError, Progress, part, silent
+from .quality import compare
+from .volume import Ids, VolumeMesh, carry_mid_nodes
+from .volume_quality import VolumeQuality, scaled_jacobians
+from .volume_shapes import reshaped
+
+SPREAD = 1.5  # mean surface edges: spread of the field that starts the interior
+BACK = 0.7  # share of its way that a node of an inverted element keeps, per attempt
+ATTEMPTS = 12  # attempts before such a node stays where it began
+LEAST = 0.02  # scaled Jacobian that a valid element keeps, at least, or half of its own where that is less
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class VolumeMorphResult:
+    """A morphed finite-element mesh.
+
+    Attributes
+    ----------
+    nodes : (n, 3) float64
+        Position of every node, in the mesh's order.
+    surface : MorphResult
+        The morph of the outer surface, with its field, history and figures.
+    before, after : VolumeQuality
+        Figures of the elements that were valid on input.
+    inverted_input : (k,) int64
+        Ids of the elements that were inverted on input; they were left alone.
+    inverted_new : (k,) int64
+        Ids of elements inverted by the morph: always empty.
+    held : (k,) int32
+        Indices of the nodes that were stopped short of the target, so that no element is inverted.
+    held_by : float
+        Largest distance that one of them was held back.
+    """
+
+    nodes: Float
+    surface: MorphResult
+    before: VolumeQuality
+    after: VolumeQuality
+    inverted_input: Ids
+    inverted_new: Ids
+    held: Int
+    held_by: float
+    seconds: float
+
+    def apply(self, points: ArrayLike) -> Float:
+        """Carry points (k, 3) of the source's space along, by the surface's field."""
+        return self.surface.apply(points)
+
+    def report(self) -> dict[str, Any]:
+        """Return everything but the arrays, for JSON."""
+        return {
+            **self.surface.report(),
+            "volume": {
+                "before": self.before.as_dict(),
+                "after": self.after.as_dict(),
+                "volume_change": self.volume_change,
+                "inverted_on_input": self.inverted_input.tolist(),
+                "newly_inverted": self.inverted_new.tolist(),
+                "nodes_held_back": len(self.held),
+                "held_back_by": self.held_by,
+            },
+            "cpu_seconds": round(self.seconds, 3),
+        }
+
+    @property
+    def volume_change(self) -> float:
+        """Change of the volume, as a share of what it was."""
+        return self.after.volume / self.before.volume - 1.0 if self.before.volume else 0.0
+
+    def summary(self) -> str:
+        """Return the surface's table and the elements' figures, for a person."""
+        table, verdict = self.surface.summary().rsplit("\n", 1)
+        lines = [
+            table,
+            f"{'scaled Jacobian':28}{_jacobian(self.before):36}{_jacobian(self.after)}",
+            f"{'volume':28}{self.before.volume:<36.6g}{self.after.volume:.6g} ({self.volume_change:+.1%})",
+            f"{'inverted elements':28}{len(self.inverted_input):<36}"
+            f"{len(self.inverted_input) + len(self.inverted_new)}",
+        ]
+        if len(self.held):
+            lines.append(
+                f"{len(self.held)} nodes held back by up to {self.held_by:.3g} to keep elements valid"
+            )
+        return "\n".join([*lines, f"{verdict.split(';')[0]}; {self.seconds:.1f} s of CPU time"])
+
+
+def _jacobian(quality: VolumeQuality) -> str:
+    return f"min {quality.minimum:.3f}, 1 % {quality.p01:.3f}, median {quality.median:.3f}"
+
+
+def morph_volume(
+    mesh: VolumeMesh,
+    target: Surface,
+    settings: MorphSettings | None = None,
+    progress: Progress = silent,
+    **options: Any,
+) -> VolumeMorphResult:
+    """Morph a mesh of solid elements onto a target surface.
+
+    Parameters
+    ----------
+    mesh : VolumeMesh
+        Its outer surface is the source.
+    target : Surface
+    settings : MorphSettings, optional
+    progress : Progress
+    **options
+        As for `morph.morph`; ``weights`` are of the nodes, shape (n,).
+
+    Raises
+    ------
+    FemorsError
+        No solid elements; a mirror image, which would turn every element inside out.
+    """
+    started = time.process_time()
+    settings = settings or MorphSettings()
+    if not mesh.solid:
+        raise FemorsError("the source has no solid elements; morph its surface instead")
+    surface, at = mesh.surface()
+    kept = at  # nodes that the interior does not move: the surface's, and those of no weight
+    if options.get("weights") is not None:
+        weights = np.asarray(options["weights"], dtype=float).ravel()
+        if len(weights) != len(mesh.nodes):
+            raise FemorsError(f"weights must be {len(mesh.nodes)} numbers, one for each node")
+        options["weights"] = weights[at]
+        kept = np.union1d(at, np.flatnonzero(weights == 0)).astype(np.int32)
+    result = morph(surface, target, settings, part(progress, 0.0, 0.7), **options)
+    if np.linalg.det(result.transform[:3, :3]) < 0:
+        raise FemorsError(
+            "a mirror image would turn every element inside out; mirror the target instead, or take another"
+        )
+    jacobian = scaled_jacobians(mesh)
+    valid = jacobian > 0
+    aligned = mesh.moved(transformed(result.transform, mesh.nodes))
+    goal = aligned.nodes.copy()
+    goal[at] = result.vertices
+    progress(0.7, "volume: interior")
+    goal = _with_interior(aligned, goal, at, kept, surface.mean_edge)
+    progress(0.8, "volume: element shapes")
+    laid_on = settings.projection == 1.0 and settings.partial == "none" and options.get("weights") is None
+    index = SurfaceIndex(target) if laid_on else None
+    goal = reshaped(mesh, goal, kept, jacobian, index, part(progress, 0.8, 0.9))
+    progress(0.9, "volume: no element inverted")
+    nodes, held, held_by = kept_valid(aligned, goal, valid)
+    progress(0.95, "volume: figures")
+    final = mesh.moved(nodes)
+    after = scaled_jacobians(final)
+    ids = mesh.element_ids
+    progress(1.0, "done")
+    return VolumeMorphResult(
+        nodes=nodes,
+        surface=_as_it_ended(result, surface, target, nodes[at]),
+        before=VolumeQuality.of(mesh, valid),
+        after=VolumeQuality.of(final, valid),
+        inverted_input=np.asarray(ids[~valid]),
+        inverted_new=np.asarray(ids[valid & (after <= 0)]),
+        held=held,
+        held_by=held_by,
+        seconds=time.process_time() - started,
+    )
+
+
+def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertices: Float) -> MorphResult:
+    """Measure the surface again, where the elements have moved its nodes (n, 3) since it was morphed."""
+    if np.array_equal(vertices, result.vertices):
+        return result
+    ours, theirs = clean(surface.vertices, surface.faces), clean(target.vertices, target.faces)
+    index = SurfaceIndex(theirs.surface)
+    used = ours.vertex_map >= 0
+    moved = np.empty_like(ours.surface.vertices)
+    moved[ours.vertex_map[used]] = vertices[used]
+    distance = index.closest(vertices).distance
+    aligned = transformed(result.transform, surface.vertices)
+    return dataclasses.replace(
+        result,
+        vertices=vertices,
+        surface_distance=distance,
+        displacement=np.linalg.norm(vertices - aligned, axis=1),
+        after=compare(ours.surface, ours.surface.moved(moved), theirs.surface, target_index=index),
+    )
+
+
+# --- interior ---------------------------------------------------------------------------------------
+def element_edges(mesh: VolumeMesh) -> Int:
+    """Return (e, 2) unique edges between corner nodes, lower index first."""
+    pairs = [np.zeros((0, 2), np.int64)]
+    for block in mesh.blocks:
+        for face in block.shape.faces:
+            for one, two in zip(face, face[1:] + face[:1], strict=True):
+                pairs.append(np.sort(block.nodes[:, [one, two]].astype(np.int64), axis=1))
+    keys = np.unique(np.concatenate(pairs) @ np.array([len(mesh.nodes), 1]))
+    edges = np.column_stack(np.divmod(keys, max(len(mesh.nodes), 1)))
+    return edges[edges[:, 0] != edges[:, 1]].astype(np.int32)
+
+
+def stiffness(mesh: VolumeMesh) -> sparse.csr_matrix:
+    """Return the (n, n) Laplacian of the edges, each as stiff as the inverse square of its length."""
+    one, two = element_edges(mesh).T
+    squared = np.sum((mesh.nodes[one] - mesh.nodes[two]) ** 2, axis=1)
+    weight = 1.0 / np.maximum(squared, 1e-12 * max(float(np.mean(squared)), 1e-300))
+    n = len(mesh.nodes)
+    half = sparse.csr_matrix((weight, (one, two)), shape=(n, n))
+    both = half + half.T
+    return (sparse.diags(np.asarray(both.sum(axis=1)).ravel()) - both).tocsr()
+
+
+def _with_interior(aligned: VolumeMesh, goal: Float, at: Int, kept: Int, edge: float) -> Float:
+    """Return `goal` (n, 3) with all nodes but those `kept` moved by the harmonic extension."""
+    displacement = goal - aligned.nodes
+    inside = np.ones(len(goal), dtype=bool)
+    inside[kept] = False
+    field = DisplacementField(aligned.nodes[at], displacement[at], SPREAD * edge)
+    displacement[inside] = field(aligned.nodes[inside])
+    laplacian = stiffness(aligned)
+    solved = inside & (laplacian.diagonal() > 0)  # corner nodes; mid-side and loose ones have no edges
+    rows = laplacian[solved]
+    system, load = rows[:, solved].tocsr(), -(rows[:, ~solved] @ displacement[~solved])
+    if solved.any():
+        scale = sparse.diags(1.0 / system.diagonal())
+        for axis in range(3):
+            displacement[solved, axis] = cg(
+                system, load[:, axis], x0=displacement[solved, axis], rtol=1e-6, maxiter=400, M=scale
+            )[0]
+    return carry_mid_nodes(aligned, aligned.nodes + displacement)
+
+
+# --- the guarantee ------------------------------------------------------------------------------------
+def kept_valid(aligned: VolumeMesh, goal: Float, valid: np.ndarray) -> tuple[Float, Int, float]:
+    """Go from `aligned` towards `goal` (n, 3) as far as no valid element is inverted.
+
+    In `aligned`, an affine image of the source, every element is as valid as it was. Nodes of elements
+    that the goal would invert stop ever farther from it, and at last where they
+    began: with all its nodes there an element is valid, so that the search ends.
+
+    Returns
+    -------
+    nodes : (n, 3) float64
+    held : (k,) int32
+        The nodes that stopped short.
+    held_by : float
+        The largest distance that one of them is from its goal.
+    """
+    begun = scaled_jacobians(aligned)
+    floor = np.where(valid, np.minimum(LEAST, 0.5 * begun), -np.inf)
+    share = np.ones(len(goal))
+    attempts = np.zeros(len(goal), dtype=int)
+    step = goal - aligned.nodes
+    while True:
+        nodes = aligned.nodes + share[:, None] * step
+        nodes[share == 1.0] = goal[share == 1.0]
+        nodes = carry_mid_nodes(aligned, nodes)
+        bad = np.flatnonzero(scaled_jacobians(aligned.moved(nodes)) < floor)
+        if not len(bad):
+            break
+        touched = np.unique(aligned.restricted(bad)[1])
+        free = touched[share[touched] > 0]
+        attempts[free] += 1
+        share[free] = np.where(attempts[free] > ATTEMPTS, 0.0, share[free] * BACK)
+    held = np.flatnonzero(share < 1.0).astype(np.int32)
+    by = np.linalg.norm(nodes[held] - goal[held], axis=1)
+    return nodes, held, float(by.max(initial=0.0))

@@ -1,0 +1,389 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One format as another, and decks on the command line."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femors_addon import cli, deckfiles, meshfiles
+from femors_addon.meshfiles import MeshFile
+from femors_addon.morph import MorphResult
+from femors_addon.morph_settings import MorphSettings
+from femors_addon.volume_quality import enclosed_volume, scaled_jacobians
+
+KNEE = Path(os.environ.get("FEMORS_DATA", Path(__file__).parent.parent.parent / "shared" / "data")) / "knee"
+needs_knee = pytest.mark.skipif(not KNEE.is_dir(), reason=f"there is no {KNEE}")
+needs_meshio = pytest.mark.skipif(
+    importlib.util.find_spec("meshio") is None, reason="meshio is not installed"
+)
+THROUGH_MESHIO = [pytest.param(suffix, marks=needs_meshio) for suffix in (".vtk", ".vtu", ".msh", ".mesh")]
+
+BOX = """*HEADING
+*NODE, NSET=ALL
+11, 0,0,0
+12, 1,0,0
+13, 1,1,0
+14, 0,1,0
+15, 0,0,1
+16, 1,0,1
+17, 1,1,1
+18, 0,1,1
+19, 0.5,0.5,2
+20, 9,9,9
+*ELEMENT, TYPE=C3D8, ELSET=CUBE
+1, 11,12,13,14,15,16,17,18
+*ELEMENT, TYPE=C3D4, ELSET=ROOF
+2, 15,16,17,19
+3, 15,17,18,19
+*NSET, NSET=FOOT
+11,12,13,14
+*ELSET, ELSET=TOP
+2,3
+*SOLID SECTION, ELSET=CUBE, MATERIAL=M
+"""
+
+
+def run(capsys, *argv: object) -> tuple[int, str, str]:
+    code = cli.main([str(word) for word in argv])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def refused(capsys, *argv: object) -> str:
+    code, out, err = run(capsys, *argv)
+    assert (code, out) == (2, ""), err
+    assert err.startswith("femors: ")
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.fixture()
+def box(tmp_path):
+    (tmp_path / "box.inp").write_text(BOX)
+    return tmp_path / "box.inp"
+
+
+# --- formats --------------------------------------------------------------------------------------
+@pytest.mark.parametrize("suffix", [".inp", ".feb", ".bdf", *THROUGH_MESHIO])
+def test_a_deck_as_another_and_the_same_again(box, tmp_path, capsys, suffix):
+    out = tmp_path / f"out{suffix}"
+    code, said, err = run(capsys, "convert", box, out)
+    assert (code, said) == (0, f"{box} -> {out}\n"), err
+    assert ("materials" in err) == (suffix != ".inp")
+    assert ("sets" in err) == (suffix not in (".inp", ".feb"))
+    before, after = deckfiles.read_deck(box), deckfiles.read_deck(out)
+    assert np.array_equal(before.coordinates, after.coordinates)
+    assert sorted((b.kind, b.nodes.tolist()) for b in after.mesh.blocks) == sorted(
+        (b.kind, b.nodes.tolist()) for b in before.mesh.blocks
+    )
+    assert sorted(len(part.elements) for part in after.parts.values()) == [1, 2]
+    if suffix in (".inp", ".feb", ".bdf", ".vtk", ".vtu"):
+        assert np.array_equal(before.mesh.node_ids, after.mesh.node_ids)
+        assert sorted(after.mesh.element_ids) == [1, 2, 3]
+    else:
+        assert "the numbers of nodes and elements" in err
+    if suffix in (".inp", ".feb"):
+        assert after.mesh.node_sets["FOOT"].tolist() == [0, 1, 2, 3]
+        assert after.mesh.element_sets["TOP"].tolist() == [1, 2]
+    same = tmp_path / f"same{suffix}"
+    assert run(capsys, "convert", out, same, "--quiet") == (0, "", "")
+    assert same.read_bytes() == out.read_bytes()
+    # and back, by way of a deck made from scratch
+    back = tmp_path / "back.inp"
+    assert run(capsys, "convert", out, back, "--quiet") == (0, "", "")
+    assert np.array_equal(deckfiles.read_deck(back).coordinates, before.coordinates)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
+def test_a_deck_as_a_surface(box, tmp_path, capsys, suffix):
+    out = tmp_path / f"out{suffix}"
+    code, _, err = run(capsys, "convert", box, out)
+    assert code == 0
+    assert "not written: 1 nodes that are no corners of the surface" in err
+    mesh = meshfiles.read(out)
+    # the top of the cube is a quad, the roof's foot two triangles: both belong to the surface
+    assert mesh.surface().volume == pytest.approx(1 + 1 / 3)
+    if suffix != ".stl":
+        assert sorted(mesh.sizes.tolist()) == [3] * 6 + [4] * 6
+    same = tmp_path / f"same{suffix}"
+    assert run(capsys, "convert", out, same)[0] == 0
+    assert same.read_bytes() == out.read_bytes()
+
+
+@pytest.mark.parametrize("source", [".stl", ".ply", ".obj"])
+@pytest.mark.parametrize("suffix", [".inp", ".feb", ".bdf"])
+def test_a_surface_as_a_deck_of_shells(tmp_path, capsys, source, suffix):
+    corners = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    meshfiles.write(tmp_path / f"in{source}", MeshFile(points, np.full(4, 3), corners))
+    code, _, err = run(capsys, "convert", tmp_path / f"in{source}", tmp_path / f"out{suffix}")
+    assert code == 0, err
+    assert ("8 vertices that stood where another stands" in err) == (source == ".stl")
+    deck = deckfiles.read_deck(tmp_path / f"out{suffix}")
+    assert len(deck.coordinates) == 4
+    assert deck.mesh.surface()[0].volume == pytest.approx(1 / 6)
+
+
+def test_a_part_alone(box, tmp_path, capsys):
+    code, _, err = run(capsys, "convert", box, tmp_path / "roof.inp", "--part", "roof")
+    assert code == 0, err
+    deck = deckfiles.read_deck(tmp_path / "roof.inp")
+    assert deck.mesh.node_ids.tolist() == [15, 16, 17, 18, 19]
+    assert deck.mesh.element_ids.tolist() == [2, 3]
+    assert list(deck.parts) == ["ROOF"]
+    assert "no part or set 'wall'" in refused(capsys, "convert", box, tmp_path / "o.stl", "--part", "wall")
+
+
+def test_numbers_of_several_parts_become_unique(tmp_path, capsys):
+    part = "*PART, NAME={}\n*NODE\n1,0,0,{z}\n2,1,0,{z}\n3,0,1,{z}\n*ELEMENT,TYPE=S3\n1,1,2,3\n*END PART\n"
+    text = part.format("A", z=0) + part.format("B", z=1)
+    text += "*ASSEMBLY,NAME=X\n*INSTANCE,NAME=I,PART=A\n1,2,3\n*END INSTANCE\n*END ASSEMBLY\n"
+    (tmp_path / "two.inp").write_text(text)
+    code, _, err = run(capsys, "convert", tmp_path / "two.inp", tmp_path / "two.feb")
+    assert code == 0
+    assert "the placing of parts by the assembly" in err
+    assert "the numbers of nodes and elements" in err
+    deck = deckfiles.read_deck(tmp_path / "two.feb")
+    assert deck.mesh.node_ids.tolist() == [1, 2, 3, 4, 5, 6]
+    assert {name: part.elements.tolist() for name, part in deck.parts.items()} == {"A": [0], "B": [1]}
+
+
+@needs_meshio
+def test_node_data_from_vtk_to_vtu_and_back(tmp_path, capsys):
+    import meshio
+
+    points = np.eye(4, 3)
+    data = {"point_data": {"t": np.arange(4.0)}, "cell_data": {"s": [np.array([7.5])]}}
+    meshio.vtk.write(tmp_path / "a.vtk", meshio.Mesh(points, [("tetra", [[0, 1, 2, 3]])], **data))
+    assert run(capsys, "convert", tmp_path / "a.vtk", tmp_path / "b.vtu")[2] == ""
+    assert run(capsys, "convert", tmp_path / "b.vtu", tmp_path / "c.vtk")[2] == ""
+    again = meshio.read(tmp_path / "c.vtk")
+    assert again.point_data["t"].tolist() == [0, 1, 2, 3]
+    assert again.cell_data["s"][0].tolist() == [7.5]
+    assert (
+        "not written: node and cell data" in run(capsys, "convert", tmp_path / "a.vtk", tmp_path / "a.inp")[2]
+    )
+
+
+def test_odd_names_survive(tmp_path, capsys):
+    text = BOX.replace("ELSET=ROOF", 'ELSET="a <b> & c"').replace("NSET=FOOT", 'NSET="1 foot"')
+    (tmp_path / "odd.inp").write_text(text)
+    for one, two in (("odd.inp", "odd.feb"), ("odd.feb", "back.inp")):
+        assert run(capsys, "convert", tmp_path / one, tmp_path / two)[0] == 0
+    deck = deckfiles.read_deck(tmp_path / "back.inp")
+    assert "a <b> & c" in deck.parts
+    assert "1 foot" in deck.mesh.node_sets
+
+
+def test_what_convert_refuses(box, tmp_path, capsys):
+    before = sorted(tmp_path.iterdir())
+    (tmp_path / "broken.inp").write_text(BOX.replace("15,17,18,19", "15,17,18,99"))
+    (tmp_path / "empty.vtu").write_text("")
+    for argv, words in (
+        ((box, tmp_path / "o.step"), "'.step' is not a known kind of file"),
+        ((tmp_path / "none.inp", tmp_path / "o.stl"), "no such file"),
+        ((box, box), "also an input"),
+        ((box, tmp_path / "nowhere" / "o.stl"), "no folder"),
+        ((tmp_path / "broken.inp", tmp_path / "o.stl"), "line 17: element 3 names node 99"),
+        ((tmp_path / "empty.vtu", tmp_path / "o.stl"), "is empty"),
+        ((box,), "required: OUT"),
+    ):
+        assert words in refused(capsys, "convert", *argv)
+    (tmp_path / "broken.inp").unlink()
+    (tmp_path / "empty.vtu").unlink()
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_includes_go_along_and_inputs_are_never_overwritten(tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    head, tail = BOX.split("*ELEMENT", 1)
+    (tmp_path / "in" / "box.inp").write_text(head + "*INCLUDE, INPUT=elements.inc\n")
+    (tmp_path / "in" / "elements.inc").write_text("*ELEMENT" + tail)
+    code, said, err = run(capsys, "convert", tmp_path / "in" / "box.inp", tmp_path / "out" / "new.inp")
+    assert code == 0, err
+    assert said.count(str(tmp_path / "out")) == 2
+    assert (tmp_path / "out" / "elements.inc").read_text() == "*ELEMENT" + tail
+    assert deckfiles.read_deck(tmp_path / "out" / "new.inp").mesh.element_count == 3
+    target = tmp_path / "in" / "elements.inc"
+    err = refused(
+        capsys, "convert", tmp_path / "in" / "box.inp", target.with_suffix(".inp").parent / "elements.inc"
+    )
+    assert "not a known kind" in err
+
+
+@needs_knee
+@pytest.mark.parametrize("path", sorted(KNEE.glob("*.inp")) or [None], ids=lambda path: path and path.stem)
+def test_decks_of_the_knee_stay_as_they_are(path, tmp_path, capsys):
+    out = tmp_path / path.name
+    assert run(capsys, "convert", path, out, "--quiet") == (0, "", "")
+    assert out.read_bytes() == path.read_bytes()
+
+
+@needs_knee
+@needs_meshio
+@pytest.mark.parametrize("suffix", [".feb", ".vtu"])
+def test_a_deck_of_the_knee_through_other_formats(tmp_path, capsys, suffix):
+    path = KNEE / "cartilage_tibia_tet.inp"
+    assert run(capsys, "convert", path, tmp_path / f"a{suffix}", "--quiet") == (0, "", "")
+    assert run(capsys, "convert", tmp_path / f"a{suffix}", tmp_path / f"b{suffix}", "--quiet") == (0, "", "")
+    assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+    one, two = deckfiles.read_deck(path), deckfiles.read_deck(tmp_path / f"a{suffix}")
+    assert np.array_equal(one.coordinates, two.coordinates)
+    assert np.array_equal(one.mesh.element_ids, two.mesh.element_ids)
+    volume = enclosed_volume(one.mesh.nodes, one.mesh.outer)
+    assert enclosed_volume(two.mesh.nodes, two.mesh.outer) == pytest.approx(volume, rel=1e-12)
+
+
+# --- femors morph with decks ----------------------------------------------------------------------
+def ball(count: int, radii: tuple[float, float, float]) -> MeshFile:
+    """Return an ellipsoid of triangles over a cube's grid."""
+    axis = np.linspace(-1, 1, count + 1)
+    vertices, corners = [], []
+    for side in range(6):
+        u, v = np.meshgrid(axis, axis, indexing="ij")
+        sign = 1.0 if side % 2 else -1.0
+        face = np.stack([np.full_like(u, sign), u if sign > 0 else v, v if sign > 0 else u], -1)
+        vertices.append(np.roll(face, side // 2, axis=-1).reshape(-1, 3))
+        index = np.arange((count + 1) ** 2).reshape(count + 1, count + 1) + side * (count + 1) ** 2
+        a, b, c, d = (
+            index[i : i + count, j : j + count].ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+        )
+        corners += [np.column_stack((a, b, c)), np.column_stack((a, c, d))]
+    points = np.concatenate(vertices)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    points, index = np.unique(np.round(points, 12), axis=0, return_inverse=True)
+    faces = index.ravel()[np.concatenate(corners)]
+    return MeshFile(points * radii, np.full(len(faces), 3), faces)
+
+
+def node_lines(points: np.ndarray, first: int) -> str:
+    return "".join(f"{i}, {x!r}, {y!r}, {z!r}\n" for i, (x, y, z) in enumerate(points.tolist(), first))
+
+
+@pytest.fixture()
+def shells(tmp_path):
+    """A deck of R3D3 shells with two parts, its target, and the source's surface."""
+    source, target = ball(8, (30, 24, 50)), ball(9, (36, 26, 55))
+    nodes = "".join(
+        f"{i}, {x!r}, {y!r}, {z!r}\n" for i, (x, y, z) in enumerate(source.vertices.tolist(), 101)
+    )
+    rows = (source.corners.reshape(-1, 3) + 101).tolist()
+    elements = "".join(f"{i}, {a}, {b}, {c}\n" for i, (a, b, c) in enumerate(rows, 1))
+    far = "9001, 500,500,500\n9002, 501,500,500\n9003, 500,501,500\n9999, 1,2,3\n"
+    text = f"*NODE, NSET=N\n{nodes}{far}*ELEMENT, TYPE=R3D3, ELSET=BONE\n{elements}"
+    text += (
+        "*ELEMENT, TYPE=S3, ELSET=PLATE\n90001, 9001, 9002, 9003\n*RIGID BODY, REF NODE=9999, ELSET=BONE\n"
+    )
+    (tmp_path / "bone.inp").write_text(text)
+    meshfiles.write(tmp_path / "target.stl", target)
+    return tmp_path / "bone.inp", tmp_path / "target.stl"
+
+
+def test_a_part_of_shells_is_morphed_and_all_else_stays(shells, tmp_path, capsys):
+    source, target = shells
+    out, report = tmp_path / "out.inp", tmp_path / "r.json"
+    code, said, err = run(capsys, "morph", source, target, "-o", out, "--part", "bone", "--report", report)
+    assert code == 0, err
+    assert "surface, target to source" in said
+    before, after = deckfiles.read_deck(source), deckfiles.read_deck(out)
+    assert np.array_equal(before.coordinates[-4:], after.coordinates[-4:])
+    radius = np.linalg.norm(after.coordinates[:-4] / [36, 26, 55], axis=1)
+    assert np.abs(radius - 1).max() < 0.03
+    old, new = (path.read_text().split("*ELEMENT", 1) for path in (source, out))
+    assert old[1] == new[1]
+    assert [line.split(",")[0] for line in old[0].splitlines()] == [
+        line.split(",")[0] for line in new[0].splitlines()
+    ]
+    assert old[0].splitlines()[-4:] == new[0].splitlines()[-4:]
+    assert json.loads(report.read_text())["converged"]
+
+
+def test_a_deck_as_the_target_and_a_surface_as_the_output(shells, tmp_path, capsys, monkeypatch):
+    source, target = shells
+    called = []
+
+    def morph(one, two, settings=None, progress=None, **landmarks):
+        called.append((len(one.vertices), len(two.vertices)))
+        return cli.MorphResult(**(vars(result) | {"vertices": one.vertices + 1.0}))
+
+    result = real_result()
+    monkeypatch.setattr(cli, "morph", morph)
+    argv = ("morph", target, source, "-o", tmp_path / "o.ply", "--target-part", "BONE", "--quiet")
+    assert run(capsys, *argv)[0] == 0
+    assert meshfiles.read(tmp_path / "o.ply").vertices[0] == pytest.approx(
+        meshfiles.read(target).vertices[0] + 1
+    )
+    argv = ("morph", source, target, "-o", tmp_path / "o.obj", "--part", "BONE")
+    code, _, err = run(capsys, *argv)
+    assert code == 0
+    assert "not written" in err
+    assert called[0][1] == called[1][0] == 6 * 8 * 8 + 2
+
+
+def real_result() -> MorphResult:
+    return cli.morph(
+        ball(4, (3, 4, 5)).surface(), ball(4, (3, 4, 5)).surface(), MorphSettings(alignment="none")
+    )
+
+
+def test_what_morph_refuses_of_decks(shells, tmp_path, capsys, monkeypatch):
+    def never(*args, **kwargs):
+        raise AssertionError("the morph was started")
+
+    monkeypatch.setattr(cli, "morph", never)
+    source, target = shells
+    files = sorted(tmp_path.iterdir())
+    out = ("-o", tmp_path / "o.inp")
+    assert "choose one with --part, or 'all'" in refused(capsys, "morph", source, target, *out)
+    assert "choose one with --target-part" in refused(capsys, "morph", target, source, *out)
+    assert "no part or set 'X'" in refused(capsys, "morph", source, target, *out, "--part", "X")
+    assert "a surface mesh has no parts" in refused(
+        capsys, "morph", source, target, *out, "--part", "BONE", "--target-part", "X"
+    )
+    # an include in the way is found before the long computation
+    head, tail = source.read_text().split("*ELEMENT", 1)
+    (tmp_path / "nodes.inc").write_text(head)
+    (tmp_path / "main.inp").write_text("*INCLUDE, INPUT=nodes.inc\n*ELEMENT" + tail)
+    argv = ("morph", tmp_path / "main.inp", target, *out, "--part", "BONE")
+    assert "write into another folder" in refused(capsys, *argv)
+    (tmp_path / "nodes.inc").unlink()
+    (tmp_path / "main.inp").unlink()
+    assert sorted(tmp_path.iterdir()) == files
+
+
+def test_a_solid_follows(tmp_path, capsys):
+    """A box of hexahedra onto a longer box; every element stays valid."""
+    axis = np.arange(7)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3).astype(float)
+    index = np.arange(len(points)).reshape(7, 7, 7) + 1
+    steps = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+    rows = np.stack([index[i : i + 6, j : j + 6, k : k + 6] for i, j, k in steps], -1).reshape(-1, 8)
+    for name, scale in (("box", (5.0, 6.0, 7.0)), ("long", (5.5, 6.5, 9.0))):
+        nodes = "".join(
+            f"{i}, {x!r}, {y!r}, {z!r}\n" for i, (x, y, z) in enumerate((points * scale).tolist(), 1)
+        )
+        elements = "".join(f"{i}, {', '.join(map(str, row))}\n" for i, row in enumerate(rows.tolist(), 1))
+        (tmp_path / f"{name}.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=C3D8R, ELSET=E\n{elements}")
+    argv = (
+        tmp_path / "box.inp",
+        tmp_path / "long.inp",
+        "-o",
+        tmp_path / "out.inp",
+        "--report",
+        tmp_path / "r.json",
+    )
+    code, _, err = run(capsys, "morph", *argv, "--field", tmp_path / "f.npz")
+    assert code in (0, 1), err
+    after, goal = (deckfiles.read_deck(tmp_path / f"{name}.inp").mesh for name in ("out", "long"))
+    assert (scaled_jacobians(after) > 0).all()
+    size = np.ptp(after.nodes, axis=0) / np.ptp(goal.nodes, axis=0)
+    assert np.allclose(np.sort(size), 1, atol=0.05)
+    assert json.loads((tmp_path / "r.json").read_text())["volume"]["newly_inverted"] == []
+    assert (tmp_path / "f.npz").exists()

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Volumes follow their surface: known warps come back, and no element is ever inverted."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femors_addon.mesh import Surface
+from femors_addon.morph_settings import MorphSettings
+from femors_addon.nearest import SurfaceIndex
+from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.volume import Block, VolumeMesh
+from femors_addon.volume_morph import kept_valid, morph_volume, stiffness
+from femors_addon.volume_quality import scaled_jacobians
+from femors_addon.volume_shapes import reshaped
+
+DATA = Path(os.environ.get("FEMORS_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+def plate(cells: tuple[int, int, int] = (14, 10, 3)) -> VolumeMesh:
+    """A curved plate of hexes with sharp rims, about 28 x 20 x 3 in size and without symmetry."""
+    nx, ny, nz = (c + 1 for c in cells)
+    number = np.arange(nx * ny * nz).reshape(nx, ny, nz)
+    x, y, z = np.meshgrid(*(np.linspace(-1, 1, n) for n in (nx, ny, nz)), indexing="ij")
+    nodes = np.column_stack([(14 * x + 2 * y).ravel(), (10 * y).ravel(), (1.5 * z).ravel()])
+    nodes[:, 2] += 0.02 * nodes[:, 0] ** 2 - 0.015 * nodes[:, 1] ** 2 + 0.05 * nodes[:, 0]
+    low = number[:-1, :-1, :-1], number[1:, :-1, :-1], number[1:, 1:, :-1], number[:-1, 1:, :-1]
+    high = number[:-1, :-1, 1:], number[1:, :-1, 1:], number[1:, 1:, 1:], number[:-1, 1:, 1:]
+    hexes = np.column_stack([corner.ravel() for corner in (*low, *high)])
+    return VolumeMesh(nodes, (Block("hex8", hexes, np.arange(len(hexes)) + 1),), np.arange(len(nodes)) + 1)
+
+
+def warp(nodes: np.ndarray) -> np.ndarray:
+    """A smooth map that moves nodes by up to 3."""
+    x, y, _ = nodes.T
+    return nodes + np.column_stack([1.5 * np.sin(y / 8), 2 * np.cos(x / 12), 1.5 * np.sin(x / 9 + y / 11)])
+
+
+def test_a_known_warp_comes_back_inside_and_out():
+    mesh = plate()
+    truth = warp(mesh.nodes)
+    surface, at = mesh.surface()
+    result = morph_volume(mesh, Surface(truth[at], surface.faces))
+    assert not len(result.inverted_new)
+    error = np.linalg.norm(result.nodes - truth, axis=1)
+    assert np.median(error) < 0.1 * surface.mean_edge
+    own = scaled_jacobians(mesh.moved(truth)).min()
+    assert scaled_jacobians(mesh.moved(result.nodes)).min() > 0.8 * own
+    assert result.after.volume == pytest.approx(
+        float(np.sum(np.abs(Surface(truth[at], surface.faces).volume))), rel=0.01
+    )
+
+
+def test_the_harmonic_interior_reproduces_a_translation():
+    mesh = plate()
+    laplacian = stiffness(mesh)
+    assert np.abs(laplacian @ np.ones(len(mesh.nodes))).max() < 1e-9 * laplacian.diagonal().max()
+    assert (laplacian.diagonal() > 0).all()
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0, 300.0])
+def test_no_goal_inverts_a_valid_element(size):
+    mesh = plate((6, 5, 2))
+    rng = np.random.default_rng(1)
+    goal = mesh.nodes + size * rng.normal(size=mesh.nodes.shape)
+    valid = scaled_jacobians(mesh) > 0
+    nodes, held, by = kept_valid(mesh, goal, valid)
+    assert (scaled_jacobians(mesh.moved(nodes))[valid] > 0).all()
+    free = np.setdiff1d(np.arange(len(goal)), held)
+    assert np.array_equal(nodes[free], goal[free])
+    assert (by > 0) == bool(len(held))
+
+
+def test_a_valid_goal_is_taken_as_it_is():
+    mesh = plate((6, 5, 2))
+    goal = warp(mesh.nodes)
+    nodes, held, by = kept_valid(mesh, goal, np.ones(mesh.element_count, bool))
+    assert np.array_equal(nodes, goal) and not len(held) and by == 0
+
+
+def test_elements_inverted_on_input_are_left_alone_and_named():
+    mesh = plate((6, 5, 2))
+    nodes = mesh.nodes.copy()
+    inner = np.setdiff1d(np.arange(len(nodes)), mesh.surface()[1])
+    nodes[inner[0]] += [0, 0, 40.0]
+    broken = mesh.moved(nodes)
+    bad = scaled_jacobians(broken) <= 0
+    assert bad.any()
+    surface, at = broken.surface()
+    result = morph_volume(broken, Surface(warp(nodes)[at], surface.faces))
+    assert np.array_equal(result.inverted_input, broken.element_ids[bad])
+    assert not len(result.inverted_new)
+
+
+def test_reshaping_lifts_the_worst_element():
+    mesh = plate()
+    _, at = mesh.surface()
+    jacobian = scaled_jacobians(mesh)
+    inner = np.setdiff1d(np.arange(len(mesh.nodes)), at)
+    spoilt = mesh.nodes.copy()
+    spoilt[inner[40]] += [0.6, 0.5, 0.3]
+    before = scaled_jacobians(mesh.moved(spoilt)).min()
+    nodes = reshaped(mesh, spoilt, at, jacobian, None, lambda fraction, text: None)
+    assert scaled_jacobians(mesh.moved(nodes)).min() > max(0.85 * jacobian.min(), before)
+    assert np.array_equal(nodes[at], spoilt[at])
+
+
+def test_mid_side_nodes_stay_on_their_edges():
+    corners = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4], [4, 4, 4]], float)
+    tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+    pairs = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+    edges = sorted({tuple(sorted((int(t[a]), int(t[b])))) for t in tets for a, b in pairs})
+    nodes = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in edges]])
+    number = {edge: 5 + i for i, edge in enumerate(edges)}
+    full = [[*t, *(number[tuple(sorted((int(t[a]), int(t[b]))))] for a, b in pairs)] for t in tets]
+    mesh = VolumeMesh(nodes, (Block("tet10", full, [1, 2]),), np.arange(len(nodes)) + 1)
+    goal = nodes + np.random.default_rng(0).normal(size=nodes.shape) * 0.2
+    moved, _, _ = kept_valid(mesh, goal, scaled_jacobians(mesh) > 0)
+    for edge, mid in number.items():
+        assert moved[mid] == pytest.approx(moved[list(edge)].mean(axis=0), abs=1e-12)
+
+
+def test_bad_input_is_one_line():
+    mesh = plate((6, 5, 2))
+    surface, at = mesh.surface()
+    shell = VolumeMesh(mesh.nodes, (Block("quad4", [[0, 1, 2, 3]], [1]),), mesh.node_ids)
+    with pytest.raises(FemorsError, match="no solid elements"):
+        morph_volume(shell, surface)
+    mirrored = Surface(warp(mesh.nodes)[at] * [-1, 1, 1], surface.faces)
+    assert any("mirror image" in warning for warning in morph_volume(mesh, mirrored).surface.warnings)
+    with pytest.raises(FemorsError, match="inside out"):
+        morph_volume(mesh, mirrored, MorphSettings(fix_mirror=True))
+
+
+def test_cancel_at_any_word():
+    mesh = plate((6, 5, 2))
+    surface, at = mesh.surface()
+    target = Surface(warp(mesh.nodes)[at], surface.faces)
+    texts: list[str] = []
+    morph_volume(mesh, target, progress=lambda fraction, text: texts.append(text))
+    assert any(text.startswith("volume") for text in texts)
+    for stop in (0, len(texts) // 2, len(texts) - 2):
+        seen = 0
+
+        def progress(fraction: float, text: str, stop: int = stop) -> None:
+            nonlocal seen
+            seen += 1
+            if seen > stop:
+                raise Cancelled
+
+        with pytest.raises(Cancelled):
+            morph_volume(mesh, target, progress=progress)
+
+
+# --- real decks -------------------------------------------------------------------------------------
+def known_warp(kind: str, centre: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """A smooth warp of 5 to 6 mm an axis, or an affine stretch of 20 %."""
+    x, y, z = (nodes - centre).T
+    if kind == "stretch":
+        return centre + np.column_stack([1.2 * x, y, z])
+    return nodes + np.column_stack([6 * np.sin(y / 25 + 0.5), 5 * np.cos(z / 30), 6 * np.sin(x / 28)])
+
+
+@pytest.mark.parametrize("kind", ["smooth", "stretch"])
+@pytest.mark.parametrize("name", ["cartilage_femur_hex", "cartilage_femur_tet"])
+def test_knee_cartilage_follows_a_known_warp(name, kind):
+    path = DATA / "knee" / f"{name}.inp"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    inp = pytest.importorskip("femors_addon.inp")
+    mesh = inp.read(path).mesh
+    surface, at = mesh.surface()
+    truth = known_warp(kind, mesh.nodes.mean(axis=0), mesh.nodes)
+    target = Surface(truth[at], surface.faces)
+    result = morph_volume(mesh, target)
+    valid = scaled_jacobians(mesh) > 0
+    assert np.percentile(SurfaceIndex(target).closest(result.nodes[at]).distance, 99) < 0.1
+    assert not len(result.inverted_new)
+    own = scaled_jacobians(mesh.moved(truth))[valid].min()
+    assert scaled_jacobians(mesh.moved(result.nodes))[valid].min() >= 0.8 * own
+    assert result.surface.converged
+
+
+def test_nodes_of_no_weight_stay_and_the_figures_are_of_the_end():
+    mesh = plate()
+    surface, at = mesh.surface()
+    target = Surface(warp(mesh.nodes)[at], surface.faces)
+    weights = (mesh.nodes[:, 0] > 0).astype(float)
+    result = morph_volume(mesh, target, MorphSettings(alignment="none"), weights=weights)
+    assert np.array_equal(result.nodes[weights == 0], mesh.nodes[weights == 0])
+    assert np.abs(result.nodes[weights == 1] - mesh.nodes[weights == 1]).max() > 1.0
+    whole = morph_volume(mesh, target)
+    distance = SurfaceIndex(target).closest(whole.nodes[at]).distance
+    assert whole.surface.surface_distance == pytest.approx(distance, abs=1e-9)
+    assert np.array_equal(whole.surface.vertices, whole.nodes[at])
+    with pytest.raises(FemorsError, match="one for each node"):
+        morph_volume(mesh, target, weights=weights[:5])
