@@ -259,6 +259,7 @@ def _verdict(
     if settings.partial != "source":
         gaps.append(("the target", "the result", getattr(after.target_to_surface, name)))
     here, there, gap = max(gaps, key=lambda entry: entry[2])
+    gap = gap if gap > 1e-9 * size else 0.0  # rounding is nothing to report
     if gap > limit:
         return False, f"not converged: only {part} of {here} is within {gap:.3g} of {there}"
     if settings.partial != "none":
