@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import cli_convert, deckfiles, files, landmarkfiles
+from .align import inverse, transformed
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
 from .deck_morph import morph_part
@@ -166,9 +167,13 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     source, target = deckfiles.read(args.source), deckfiles.read(args.target)
     part = cli_convert.part_of(source, args.part, "--part")
     surface = cli_convert.surface_of(source, args.part, "--part")
-    aim = cli_convert.surface_of(target, args.target_part, "--target-part")
+    # an assembly's part is morphed where it stands: the target comes to the part's own coordinates
+    home = inverse(cli_convert.placement_of(source, args.part, "--part"))
+    stand = cli_convert.placement_of(target, args.target_part, "--target-part")
+    aim = cli_convert.placed(home @ stand, cli_convert.surface_of(target, args.target_part, "--target-part"))
+    ours, theirs = (None if points is None else transformed(home, points) for points in pairs)
     cli_convert.check_outputs(source, part, args.out, others)
-    keywords = {"source_landmarks": pairs[0], "target_landmarks": pairs[1]}
+    keywords = {"source_landmarks": ours, "target_landmarks": theirs}
     thing: Deck | MeshFile
     result: MorphResult | VolumeMorphResult
     try:

@@ -9,10 +9,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from . import deckfiles, files
+from .align import transformed
 from .commandline import Console, check_paths
 from .deck import Deck, Part
 from .files import Location
-from .mesh import Surface
+from .mesh import Float, Surface
 from .meshfiles import MeshFile
 from .progress import FemorsError
 
@@ -65,8 +66,26 @@ def part_of(source: Deck | MeshFile, name: str | None, option: str) -> Part | No
     return None
 
 
+def placement_of(source: Deck | MeshFile, name: str | None, option: str) -> Float:
+    """Return the matrix (4, 4) by which an assembly places what `part_of` returns."""
+    part = part_of(source, name, option)
+    if not isinstance(source, Deck) or part is None:
+        return np.eye(4)
+    try:
+        return source.placement(name, part)
+    except FemorsError as error:
+        raise FemorsError(str(error).replace("--part", option)) from None
+
+
+def placed(matrix: Float, surface: Surface) -> Surface:
+    """Return a surface carried by a matrix (4, 4); the identity changes no bit."""
+    if np.array_equal(matrix, np.eye(4)):
+        return surface
+    return surface.moved(transformed(matrix, surface.vertices))
+
+
 def surface_of(source: Deck | MeshFile, name: str | None, option: str) -> Surface:
-    """Return the surface of a mesh, or of the part of a deck that an option names."""
+    """Return the surface of a mesh, or of the part of a deck that an option names, in its own coordinates."""
     part = part_of(source, name, option)
     if isinstance(source, MeshFile) or part is None:
         assert isinstance(source, MeshFile)

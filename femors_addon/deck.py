@@ -144,6 +144,25 @@ class Deck:
                 return known
         return self._set(name)
 
+    def placement(self, name: str | None, part: Part) -> Float:
+        """Return the matrix (4, 4) by which the assembly places a part, chosen by `name` as in `part`.
+
+        Raises
+        ------
+        FemorsError
+            The part stands in several places, and the name is not that of one of its instances.
+        """
+        mine = [instance for instance in self.instances if instance.part.upper() == part.name.upper()]
+        named = [instance for instance in mine if name is not None and instance.name.upper() == name.upper()]
+        chosen = named or mine
+        if len(chosen) > 1 and any(not np.array_equal(one.matrix, chosen[0].matrix) for one in chosen):
+            places = listed({instance.name: None for instance in chosen})
+            raise FemorsError(
+                f"{self.path}: '{part.name}' stands in {len(chosen)} places ({places}); "
+                "choose one of these instances with --part"
+            )
+        return chosen[0].matrix if chosen else np.eye(4)
+
     def _set(self, name: str) -> Part:
         mesh = self.mesh
         for known, members in mesh.element_sets.items():

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 
 from . import morph as surfaces
 from .align import transformed
-from .deck import Deck, Part
-from .mesh import Surface
+from .deck import ALL, Deck, Part
+from .mesh import Float, Surface
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
-from .progress import Progress, silent
+from .progress import FemorsError, Progress, silent
 from .volume import carry_mid_nodes
 from .volume_morph import VolumeMorphResult, morph_volume
+from .volume_quality import scaled_jacobians
 
 
 def morph_part(
@@ -76,4 +77,18 @@ def morph_part(
         moved = aligned.copy()
         moved[on_faces] = result.vertices
         coordinates[nodes] = carry_mid_nodes(mesh, moved, aligned)
+    _refuse_torn(deck, part, coordinates)
     return deck.with_coordinates(coordinates), result
+
+
+def _refuse_torn(deck: Deck, part: Part, coordinates: Float) -> None:
+    """Refuse coordinates (n, 3) that invert elements which share nodes with a part but are not of it."""
+    outside = np.ones(deck.mesh.element_count, dtype=bool)
+    outside[part.elements] = False
+    valid = outside & (scaled_jacobians(deck.mesh) > 0)
+    torn = np.flatnonzero(valid & (scaled_jacobians(deck.mesh.moved(coordinates)) <= 0))
+    if len(torn):
+        raise FemorsError(
+            f"{len(torn)} elements outside '{part.name}' share nodes with it and would be inverted (first: "
+            f"element {int(deck.mesh.element_ids[torn[0]])}); morph a set that holds them, or --part {ALL}"
+        )

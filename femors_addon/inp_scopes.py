@@ -78,7 +78,8 @@ def placement(word: Keyword) -> Float:
     rows: list[list[float]] = []
     for source, offset, fields in word.lines():
         try:
-            rows.append([float(field) for field in fields if field])
+            # Fortran's exponent is as good as any
+            rows.append([float(field.upper().replace(b"D", b"E")) for field in fields if field])
         except ValueError:
             rows.append([])
         if len(rows) > 2 or len(rows[-1]) != (3, 7)[len(rows) - 1] or not np.isfinite(rows[-1]).all():

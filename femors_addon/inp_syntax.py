@@ -17,6 +17,7 @@ from .files import shown
 from .progress import FemorsError
 
 MOST_INCLUDES = 1000
+DEEPEST = 50  # includes within includes
 
 
 @dataclasses.dataclass(eq=False)
@@ -142,6 +143,8 @@ class _Walk:
                 raise keyword.error(f"more than {MOST_INCLUDES} includes are not read")
             name = keyword.parameters.get("INPUT", "")
             inner = _included(name, keyword, folder)
+            if len(above) >= DEEPEST:
+                raise keyword.error(f"includes are nested more than {DEEPEST} deep")
             if os.path.realpath(inner) in (*above, real):
                 raise keyword.error(f"'{name}' includes itself")
             self.file(inner, name, folder, (*above, real))
@@ -170,9 +173,12 @@ def _included(name: str, keyword: Keyword, folder: Path) -> Path:
     spellings = [name, name.replace("\\", "/")]
     for spelling in spellings:
         for base in (folder, keyword.source.path.parent):
-            if (base / spelling).exists():
-                return base / spelling
-    raise keyword.error(f"the include '{name}' is not there (looked for in {folder})")
+            try:
+                if (base / spelling).exists():
+                    return base / spelling
+            except (OSError, ValueError):  # a name that no file can have
+                continue
+    raise keyword.error(f"the include '{name[:80]}' is not there (looked for in {folder})")
 
 
 def _pieces(source: Source) -> Iterator[tuple[int, int, bool]]:

@@ -196,12 +196,18 @@ def test_one_corner_pushed_through_inverts_a_hexahedron_of_positive_volume():
 
 
 @pytest.mark.parametrize("kind", ["tet10", "penta15", "hex20", "pyra13"])
-def test_mid_side_nodes_do_not_count(kind):
+def test_mid_side_nodes_bend_the_edges(kind):
     corners = next(nodes for name, nodes in REGULAR.items() if len(nodes) == KINDS[kind].corners)
     nodes = quadratic(kind, corners)
     assert len(nodes) == KINDS[kind].size
-    nodes[KINDS[kind].corners :] += 0.2
     assert scaled_jacobians(mesh_of(kind, nodes)) == pytest.approx(1.0)
+    bent = nodes.copy()
+    bent[KINDS[kind].corners] += 0.05 * (nodes.mean(axis=0) - bent[KINDS[kind].corners])
+    assert 0.5 < scaled_jacobians(mesh_of(kind, bent))[0] < 1.0
+    # a mid-side node beyond the end of its edge turns that corner inside out
+    one, two = KINDS[kind].edges[0]
+    bent[KINDS[kind].corners] = nodes[one] + 0.5 * (nodes[one] - nodes[two])
+    assert scaled_jacobians(mesh_of(kind, bent))[0] < 0
     assert len(mesh_of(kind, nodes).outer.nodes) == KINDS[kind].corners
 
 
