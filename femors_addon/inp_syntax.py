@@ -163,6 +163,10 @@ def _text(path: Path, data: bytes) -> bytes:
     zero = data.find(b"\0")
     if zero >= 0:
         raise FemorsError(f"{path}: is not an Abaqus input file but binary (a zero byte at {zero})")
+    if b"\n" not in data and b"\r" in data:
+        raise FemorsError(
+            f"{path}: its lines end with carriage returns alone; save it with the usual line ends"
+        )
     return data
 
 

@@ -14,6 +14,7 @@ from .files import shown
 from .inp_syntax import Keyword, Source, next_line
 
 CHUNK = 1 << 20  # bytes that are looked at in one go
+LONGEST = 1 << 20  # bytes of a line; Abaqus reads 256
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -57,6 +58,8 @@ def table(keyword: Keyword, dtype: type) -> Table:
                 end = source.data.rfind(b"\n", start, start + CHUNK) + 1 or next_line(
                     source.data, start + CHUNK
                 )
+            if end - start > max(CHUNK, LONGEST):
+                raise source.error(start, f"a line of {end - start} bytes is not read")
             values, counts, offsets, open_ = _chunk(source, start, end, dtype)
             parts.append(
                 Table(values, counts, offsets, np.full(len(counts), source.number, np.uint16), open_)

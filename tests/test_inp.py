@@ -455,6 +455,8 @@ def test_files_that_are_no_decks(tmp_path):
     refused(tmp_path, "*NODE\n1,0,0,0\n", "no elements with a surface")
     refused(tmp_path, b"\x89PNG\r\n\x1a\n\0\0", "binary")
     refused(tmp_path, os.urandom(5000), "")
+    refused(tmp_path, TETS.replace("\n", "\r"), "carriage returns alone")
+    refused(tmp_path, "*NODE\n" + "1, " * 400_000, "line 2", "a line of 1200000 bytes")
     refused(tmp_path, "*ELEMENT, TYPE=S3\n1,1,2,3\n", "has no nodes")
     refused(tmp_path, "solid ascii\nfacet normal 0 0 1\n", "line 1", "a keyword line")
     refused(tmp_path, ASSEMBLY.replace("name=Plate\n", "name=femur\n"), "line 16", "there already")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -187,7 +188,8 @@ def test_one_line_where_meshio_is_missing(tmp_path, monkeypatch):
 def test_meshio_is_imported_only_when_it_is_needed():
     code = "import sys, femors_addon.cli; sys.exit('meshio' in sys.modules or 'rich' in sys.modules)"
     root = Path(__file__).parent.parent
-    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), *sys.path])}
+    assert subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
 
 
 def test_the_readers_do_without_compiled_packages(monkeypatch):
