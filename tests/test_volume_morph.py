@@ -199,3 +199,55 @@ def test_nodes_of_no_weight_stay_and_the_figures_are_of_the_end():
     assert np.array_equal(whole.surface.vertices, whole.nodes[at])
     with pytest.raises(FemorsError, match="one for each node"):
         morph_volume(mesh, target, weights=weights[:5])
+
+
+def bent_tet10() -> VolumeMesh:
+    """A plate of quadratic tetrahedra whose mid-side nodes stand up to 0.2 off their edges."""
+    mesh = plate((6, 4, 2))
+    corners = [[0, 1, 3, 4], [1, 2, 3, 6], [1, 3, 4, 6], [4, 5, 6, 1], [4, 6, 7, 3]]
+    tets = np.vstack([mesh.blocks[0].nodes[:, corner] for corner in corners])
+    a, b, c, d = np.moveaxis(mesh.nodes[tets], 1, 0)
+    wrong = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
+    tets[wrong] = tets[wrong][:, [0, 2, 1, 3]]
+    rng, nodes, number, full = np.random.default_rng(0), list(mesh.nodes), {}, []
+    for tet in tets.tolist():
+        row = list(tet)
+        for i, j in PAIRS:
+            edge = tuple(sorted((tet[i], tet[j])))
+            if edge not in number:
+                number[edge] = len(nodes)
+                nodes.append(mesh.nodes[list(edge)].mean(axis=0) + rng.uniform(-0.2, 0.2, 3))
+            row.append(number[edge])
+        full.append(row)
+    block = Block("tet10", full, np.arange(len(full)) + 1)
+    return VolumeMesh(np.array(nodes), (block,), np.arange(len(nodes)) + 1)
+
+
+PAIRS = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+
+
+def gauss_determinants(mesh: VolumeMesh) -> np.ndarray:
+    """Smallest determinant at the four Gauss points, from the shape functions written out."""
+    positions, near, far = mesh.nodes[mesh.blocks[0].nodes], 0.58541020, 0.13819660
+    worst = np.full(len(positions), np.inf)
+    for point in range(4):
+        share = np.where(np.arange(4) == point, near, far)
+        slope = np.zeros((10, 4))
+        slope[range(4), range(4)] = 4 * share - 1
+        for row, (i, j) in enumerate(PAIRS):
+            slope[4 + row, i], slope[4 + row, j] = 4 * share[j], 4 * share[i]
+        jacobian = np.einsum("ekc,kl->ecl", positions, slope)
+        worst = np.minimum(worst, np.linalg.det(jacobian[:, :, 1:] - jacobian[:, :, :1]))
+    return worst
+
+
+@pytest.mark.parametrize("thin", [0.3, 0.5])
+def test_no_quadratic_element_is_inverted_where_it_is_integrated(thin):
+    mesh = bent_tet10()
+    surface, _ = mesh.surface()
+    target = Surface(surface.vertices * [1, 1, thin], surface.faces)
+    valid = scaled_jacobians(mesh) > 0
+    assert (gauss_determinants(mesh)[valid] > 0).all() and valid.mean() > 0.9
+    result = morph_volume(mesh, target, MorphSettings(alignment="none"))
+    assert (gauss_determinants(mesh.moved(result.nodes))[valid] > 0).all()
+    assert not len(result.inverted_new)
