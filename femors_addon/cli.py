@@ -202,7 +202,7 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     if not args.quiet:
         if np.linalg.det(figures.transform[:3, :3]) < 0:  # only surfaces get here: volumes refuse
             console.warn(
-                "note: mirrored; faces keep their corners' order, so that their inner and outer sides are swapped"
+                "note: mirrored; faces keep their corners' order, so their inner and outer sides are swapped"
             )
         warnings = (_with_file(text, args) for text in figures.warnings)
         for warning in (*getattr(thing, "notes", ()), *warnings, *written.notes):
