@@ -45,10 +45,19 @@ class Effort:
         Edges that pierce the other surface; counted while clearing only.
     spread, widest : float
         Of the last field, and the largest so far.
+
+    Parameters
+    ----------
+    margin : float
+        What single precision may take of the gap.
+    stride : float
+        No step goes farther: other bodies stand beside this pair, and have to be able to follow.
     """
 
-    def __init__(self, pair: Pair, settings: OverclosureSettings, margin: float) -> None:
-        self.pair, self._settings = pair, settings
+    def __init__(
+        self, pair: Pair, settings: OverclosureSettings, margin: float, stride: float = np.inf
+    ) -> None:
+        self.pair, self._settings, self._stride = pair, settings, stride
         self.target = pair.gap + margin
         self.size = min(pair.one.surface.mean_edge, pair.two.surface.mean_edge)
         self.aim = self.target + AIM * (pair.gap or 1e-3 * self.size)
@@ -106,6 +115,7 @@ class Effort:
         self.widest = max(self.widest, self.spread)
         if not len(asked):
             return None
+        asked = np.minimum(asked, self._stride)
         if strict:
             return ContactField.fitted(contacts, asked, self.spread, np.zeros(len(asked)), ROUNDS)
         # what is too far apart comes back as far as it was pushed
@@ -114,7 +124,7 @@ class Effort:
 
     def _next_spread(self) -> None:
         last = self._settings.spread_end * self.size
-        if self.spread == 0.0:
+        if self.spread == 0.0 or self.worst > self._stride:
             self.spread = max(self._settings.spread_factor * self.worst, last)
         else:
             self.spread = max(last, FALL * self.spread)

@@ -34,9 +34,11 @@ from .overclosure_methods import nodal, published
 from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError, Progress, part, silent
+from .separation import thickness
 
 __all__ = ["Body", "OverclosureResult", "OverclosureSettings", "check_overclosure", "remove_overclosure"]
 
+STRIDE = 0.35  # of the thinnest body, where there are more than two: how far one step may go
 PATIENCE = 25  # iterations without headway after which the loop gives up
 HEADWAY = 0.98  # of the least missing so far: what counts as headway
 TRIES = 3  # certificates that may fail before the loop gives up
@@ -153,6 +155,9 @@ def _efforts(
 
     Pairs that are clear now are kept in sight, for others may push them together.
     """
+    stride = np.inf
+    if len(solids) > 2:
+        stride = STRIDE * min(thickness(solid.surface) for solid in solids)
     given_up = {finding.names for finding in before if finding.state == CONTAINED}
     efforts = []
     for (i, j), gap in asked.items():
@@ -161,7 +166,7 @@ def _efforts(
             continue
         size = max(float(np.abs(solid.vertices).max()) for solid in (one, two))
         margin = 2.0 * float(np.spacing(np.float32(size)))
-        efforts.append(Effort(Pair(one, two, gap), settings, margin))
+        efforts.append(Effort(Pair(one, two, gap), settings, margin, stride))
     return efforts
 
 
