@@ -75,6 +75,8 @@ class Solid:
         What was mended for the maths, in words.
     held : set of int
         Points that were stopped on their way to keep elements valid.
+    version : int
+        Grows with every movement.
     """
 
     def __init__(self, body: Body, share: float) -> None:
@@ -106,6 +108,7 @@ class Solid:
             self.rest = np.array(body.nodes)
         self.points = self.rest.copy()
         self.held: set[int] = set()
+        self.version = 0
         self._begun = None if self.mesh is None else scaled_jacobians(self.mesh)
         self._topology = cleaned.surface
         self._surface: Surface | None = cleaned.surface
@@ -171,6 +174,7 @@ class Solid:
     def put(self, points: Float) -> None:
         """Go to positions (p, 3) that were the body's before."""
         self.points, self._surface = points, None
+        self.version += 1
 
     def move(self, rows: Int, step: Float, guard: bool = True) -> float:
         """Move the points `rows` (r,) by `step` (r, 3); return the largest distance that one moved.
@@ -185,7 +189,7 @@ class Solid:
             after = carry_mid_nodes(self.mesh, after, self.rest) if len(self.mesh.mid_nodes) else after
             if guard:
                 after = self._guarded(rows, before, after)
-        self.points, self._surface = after, None
+        self.put(after)
         return float(np.sqrt(np.max(np.sum((after[rows] - before[rows]) ** 2, axis=1), initial=0.0)))
 
     def reshape(self, progress: Progress = silent) -> None:
@@ -207,7 +211,7 @@ class Solid:
         after = reshaped(near, here, np.flatnonzero(fixed), begun, None, progress)
         out = self.points.copy()
         out[self._owner[nodes[~fixed]]] = after[~fixed]
-        self.points, self._surface = out, None
+        self.put(out)
 
     def _guarded(self, rows: Int, before: Float, after: Float) -> Float:
         """Go from `before` to `after` as far as no valid element is inverted."""

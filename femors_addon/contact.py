@@ -66,6 +66,20 @@ class Region:
             Surface(surface.vertices[vertex], local.reshape(-1, 3).astype(np.int32)), vertex.astype(np.int32)
         )
 
+    @classmethod
+    def near(cls, surface: Surface, bound: Float, shift: Float) -> Region:
+        """Cut out, and shift, faces whose edges may reach a surface that is at least `bound` (n,) away.
+
+        An edge that meets a surface has an end within half its length of it.
+        """
+        inside = np.flatnonzero((bound < surface.diagonal)[surface.faces].any(axis=1))
+        corners = surface.corners[inside]
+        longest = np.max([np.sum((corners[:, i] - corners[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
+        close = bound[surface.faces[inside]].min(axis=1) <= 0.5 * np.sqrt(longest)
+        vertex, local = np.unique(surface.faces[inside[close]], return_inverse=True)
+        local = local.reshape(-1, 3).astype(np.int32)
+        return cls(Surface(surface.vertices[vertex] + shift, local), vertex.astype(np.int32))
+
 
 class Pair:
     """Two bodies of which one may have to give way to the other.
@@ -89,9 +103,9 @@ class Pair:
         self.sides = (Side(one, two, 1.0), Side(two, one, -1.0))
 
     @property
-    def name(self) -> str:
-        """Both names, for messages."""
-        return f"'{self.one.name}' and '{self.two.name}'"
+    def names(self) -> tuple[str, str]:
+        """Both names."""
+        return self.one.name, self.two.name
 
     @property
     def size(self) -> float:
@@ -232,9 +246,7 @@ class Side:
         """Find the edges that pierce the other surface, and keep a place on each; return how many do."""
         if self._index is None or self._region is None:
             return 0
-        surface = self.body.surface
-        shifted = surface.moved(surface.vertices + self.shift) if self.shift.any() else surface
-        near = Region.of(shifted, *self._region.surface.bounds)
+        near = Region.near(self.body.surface, self.bound, self.shift)
         if not len(near.surface.faces):
             return 0
         found = piercings(near.surface, self._region.surface)

@@ -63,7 +63,7 @@ class Effort:
         self.aim = self.target + AIM * (pair.gap or 1e-3 * self.size)
         self.phase, self.spread, self.widest = SHAPING, 0.0, 0.0
         self.worst, self.pierced = 0.0, 0
-        self._steps = 0
+        self._steps, self._clear_at = 0, (-1, -1)
         self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
         pair.look(self._reach)
         self.through = settings.continuation and self._begin_parting()
@@ -92,6 +92,9 @@ class Effort:
     def field(self) -> ContactField | None:
         """Look at the pair and return the next field; None where nothing is to be moved."""
         pair = self.pair
+        versions = pair.one.version, pair.two.version
+        if self.done and versions == self._clear_at:
+            return None
         pair.look(self._reach)
         strict = self.phase == CLEARING
         self.worst = max(0.0, self.target - pair.deepest(strict))
@@ -103,6 +106,7 @@ class Effort:
         if strict:
             self.worst = max(0.0, self.target - pair.deepest(True))
         if self.done:
+            self._clear_at = versions
             return None
         contacts = pair.contacts(self.target, strict)
         asked = (self.aim if strict else self.target) - contacts.gaps

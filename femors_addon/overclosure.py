@@ -110,12 +110,9 @@ def remove_overclosure(
     before = find(solids, asked, _band(solids, settings), part(progress, 0.0, 0.1))
     history: list[Step] = []
     efforts = _efforts(solids, asked, before, settings)
-    stop = ""
+    stop, after = "", before
     if any(not finding.clear for finding in before):
-        run = {"grnn": _loop, "nodal": nodal, "published": published}[settings.method]
-        stop = run(efforts, solids, settings, history, part(progress, 0.1, 0.9), preview)
-    progress(0.9, "overclosure: certificate")
-    after = find(solids, asked, _band(solids, settings), part(progress, 0.9, 0.97))
+        stop, after = _removed(efforts, solids, asked, settings, history, part(progress, 0.1, 0.97), preview)
     result = result_of(solids, before, after, efforts, settings, tuple(history), stop)
     progress(1.0, "done")
     return dataclasses.replace(result, seconds=time.process_time() - started)
@@ -170,6 +167,34 @@ def _efforts(
     return efforts
 
 
+def _removed(
+    efforts: list[Effort],
+    solids: Sequence[Solid],
+    asked: Mapping[tuple[int, int], float],
+    settings: OverclosureSettings,
+    history: list[Step],
+    progress: Progress,
+    preview: Preview | None,
+) -> tuple[str, list[Finding]]:
+    """Run the method until the certificate holds; return why it stopped short, or "", and what is left.
+
+    The loop may think that it is done and be wrong, for it remembers much: then it goes on, with all of
+    that forgotten.
+    """
+    run = {"grnn": _loop, "nodal": nodal, "published": published}[settings.method]
+    for number in range(TRIES if settings.method == "grnn" else 1):
+        start = 0.9 * number / TRIES
+        stop = run(efforts, solids, settings, history, part(progress, start, 0.9), preview)
+        progress(0.9, "overclosure: certificate")
+        after = find(solids, asked, _band(solids, settings), part(progress, 0.9, 1.0))
+        tried = {effort.pair.names for effort in efforts}
+        if stop or all(finding.clear for finding in after if finding.names in tried):
+            break
+        for effort in efforts:
+            effort.pair.forget()
+    return stop, after
+
+
 # --- the loop ---------------------------------------------------------------------------------------
 def _loop(
     efforts: list[Effort],
@@ -181,7 +206,7 @@ def _loop(
 ) -> str:
     """Iterate until all pairs are clear; return why it stopped short of it, or ""."""
     best = _Best(solids)
-    deepest, tries, shaped = 0.0, 0, False
+    deepest, shaped = 0.0, False
     for number in range(settings.iterations):
         missing, pierced, spread = _sweep(efforts)
         deepest = max(deepest, missing)
@@ -201,11 +226,7 @@ def _loop(
         if ready:
             for solid in solids:
                 solid.reshape()
-            if _sure(efforts):
-                return ""
-            tries += 1
-            if tries == TRIES:
-                return "edges that cross could not be parted"
+            return ""
         if parting:
             continue
         if not best.improved(missing + (1e-9 if pierced else 0.0), number):
@@ -228,14 +249,6 @@ def _sweep(efforts: list[Effort]) -> tuple[float, int, float]:
                 other.pair.moved(steps)
         effort.pressed()
     return missing, pierced, spread
-
-
-def _sure(efforts: list[Effort]) -> bool:
-    """Look at all pairs anew, with nothing remembered; whether they are still clear."""
-    for effort in efforts:
-        effort.pair.forget()
-        effort.field()
-    return all(effort.done for effort in efforts)
 
 
 class _Best:

@@ -29,6 +29,10 @@ PairGaps = Mapping[tuple[str, str], float]
 """Gaps of single pairs, by their two names in either order."""
 
 
+Indices = dict[str, SurfaceIndex]
+"""The search structure of each body, by name, built once for a search through all pairs."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Finding:
     """Two bodies that overlap, or are closer than the band.
@@ -157,16 +161,20 @@ def find(
         Compute shared volumes, which needs manifold3d.
     """
     found = []
+    indices: Indices = {}
     for number, ((i, j), gap) in enumerate(gaps.items()):
         progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
-        finding = measure(solids[i], solids[j], gap, max(band, gap), volumes)
+        finding = measure(solids[i], solids[j], gap, max(band, gap), volumes, indices)
         if finding is not None:
             found.append(finding)
     return sorted(found, key=lambda f: f.least)
 
 
-def measure(one: Solid, two: Solid, gap: float, band: float, volumes: bool = True) -> Finding | None:
+def measure(
+    one: Solid, two: Solid, gap: float, band: float, volumes: bool = True, indices: Indices | None = None
+) -> Finding | None:
     """Measure a pair anew; None where no node of one is within `band` of the other and nothing crosses."""
+    indices = {} if indices is None else indices
     a, b = one.surface, two.surface
     reach = band + 1e-9 * max(a.diagonal, b.diagonal)
     if (np.maximum(a.bounds[0], b.bounds[0]) - reach > np.minimum(a.bounds[1], b.bounds[1])).any():
@@ -176,7 +184,7 @@ def measure(one: Solid, two: Solid, gap: float, band: float, volumes: bool = Tru
     limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
     slack = _rounding(a) + _rounding(b)
     for own, other in ((one, two), (two, one)):
-        rows, distance = _signed(own.surface, other, reach)
+        rows, distance = _signed(own.surface, other, reach, indices)
         distance = distance - slack  # what is left of it in single precision
         over.append(int((distance < limit).sum()))
         if len(rows) and distance.min() < least:
@@ -225,7 +233,9 @@ def same_surface(one: Solid, two: Solid) -> bool:
     return bool(np.abs(a.vertices[order[0]] - b.vertices[order[1]]).max(initial=0.0) <= close)
 
 
-def _signed(surface: Surface, other: Solid, reach: float) -> tuple[NDArray[np.int64], Float]:
+def _signed(
+    surface: Surface, other: Solid, reach: float, indices: Indices
+) -> tuple[NDArray[np.int64], Float]:
     """Signed distances of the vertices that lie within `reach` of the other's box: (rows, distances)."""
     low, high = other.surface.bounds
     rows = np.flatnonzero(
@@ -233,7 +243,9 @@ def _signed(surface: Surface, other: Solid, reach: float) -> tuple[NDArray[np.in
     )
     if not len(rows):
         return rows, np.zeros(0)
-    index = SurfaceIndex(other.surface)
+    if other.name not in indices:
+        indices[other.name] = SurfaceIndex(other.surface)
+    index = indices[other.name]
     found = index.closest(surface.vertices[rows])
     side = np.einsum("ij,ij->i", surface.vertices[rows] - found.point, index.pseudonormals(found))
     inside = (side < 0) & ~other.on_border(found)
