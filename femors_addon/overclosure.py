@@ -109,6 +109,8 @@ def remove_overclosure(
     asked = asked_gaps(solids, settings.gap, exclude, gaps or {})
     before = find(solids, asked, _band(solids, settings), part(progress, 0.0, 0.1))
     history: list[Step] = []
+    if all(solid.share == 0 for solid in solids) and not all(finding.clear for finding in before):
+        raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
     efforts = _efforts(solids, asked, before, settings)
     stop, after = "", before
     if any(not finding.clear for finding in before):
