@@ -115,9 +115,10 @@ def remove_overclosure(
     stop, after = "", before
     if any(not finding.clear for finding in before):
         stop, after = _removed(efforts, solids, asked, settings, history, part(progress, 0.1, 0.97), preview)
+    solved = time.process_time()
     result = result_of(solids, before, after, efforts, settings, tuple(history), stop)
     progress(1.0, "done")
-    return dataclasses.replace(result, seconds=time.process_time() - started)
+    return dataclasses.replace(result, seconds=time.process_time() - started, solve_seconds=solved - started)
 
 
 # --- input ------------------------------------------------------------------------------------------
