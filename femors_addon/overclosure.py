@@ -155,6 +155,8 @@ def _efforts(
 
     Pairs that are clear now are kept in sight, for others may push them together.
     """
+    if settings.method != "grnn":
+        settings = dataclasses.replace(settings, continuation=False)
     stride = np.inf
     if len(solids) > 2:
         stride = STRIDE * min(thickness(solid.surface) for solid in solids)
