@@ -68,7 +68,7 @@ def known(name: str, names: Collection[str], what: str) -> None:
 
 def _assigned(text: str, what: str) -> list[tuple[str, float]]:
     out = []
-    for item in text.split(";") if ";" in text or text.count("=") < 2 else text.split(","):
+    for item in text.split(";"):
         if not item.strip():
             continue
         key, _, value = item.rpartition("=")

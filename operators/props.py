@@ -27,8 +27,8 @@ RESULTS = (
 )
 
 ROLES = (
-    ("DEFORMABLE", "Deformable", "Takes its share of the way apart"),
-    ("RIGID", "Rigid", "Stays as it is, to the last bit"),
+    ("DEFORMABLE", "Deformable", "Takes its share of the way apart", "MOD_SIMPLEDEFORM", 0),
+    ("RIGID", "Rigid", "Stays as it is, to the last bit", "LOCKED", 1),
 )
 """What a body does where overclosures are removed."""
 

@@ -29,10 +29,12 @@ class FEMORS_UL_pairs(bpy.types.UIList):
         """Draw a row; a tick says whether the pair counts."""
         factor, _ = length_unit(context.scene.unit_settings)
         row = layout.row(align=True)
-        row.active = not item.exclude
+        tick = "CHECKBOX_DEHLT" if item.exclude else "CHECKBOX_HLT"
+        row.prop(item, "exclude", text="", icon=tick, emboss=False)
+        cells = row.row(align=True)
+        cells.active = not item.exclude
         depth = number(factor * item.depth) if item.depth > 0 else "-"
-        _cells(row, f"{item.one} - {item.two}", depth, str(item.over), ICONS.get(item.state, "BLANK1"))
-        row.prop(item, "exclude", text="", icon="HIDE_ON" if item.exclude else "HIDE_OFF", emboss=False)
+        _cells(cells, (item.one, item.two), depth, str(item.over), ICONS.get(item.state, "BLANK1"))
 
     def filter_items(self, context, data, name):
         """Keep the order; find a body by its name."""
@@ -103,8 +105,8 @@ class FEMORS_PT_overclosure_pairs(FemorsPanel, bpy.types.Panel):
         column = layout.column(align=True)
         heading = column.row(align=True)
         heading.scale_y = 0.7
-        _cells(heading, f"Pair ({unit})", "Depth", "Nodes", "BLANK1")
         heading.label(text="", icon="BLANK1")
+        _cells(heading, (f"Pair ({unit})",), "Depth", "Nodes", "BLANK1")
         column.template_list(
             FEMORS_UL_pairs.bl_idname,
             "",
@@ -173,14 +175,16 @@ def draw_bodies(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         return
     box = layout.box().column(align=True)
     for item in items[:SHOWN]:
-        split = box.split(factor=0.48, align=True)
+        split = box.split(factor=0.55, align=True)
         split.label(text=item.name, icon="MESH_DATA")
         role = split.row(align=True)
         if bodies.is_linked(item):
             role.label(text="Rigid (linked)", icon="LINKED")
             continue
-        role.prop(item.femors, "role", text="")
-        if item.femors.role != "RIGID":
+        role.prop(item.femors, "role", text="", icon_only=True)
+        if item.femors.role == "RIGID":
+            role.label(text="Rigid")
+        else:
             role.prop(item.femors, "share", text="")
     if len(items) > SHOWN:
         box.label(text=f"and {len(items) - SHOWN} more")
@@ -221,19 +225,19 @@ def draw_removal(layout: bpy.types.UILayout, context: bpy.types.Context, report:
         draw_sentence(verdict, context, warning, "ERROR")
     after = {(pair["one"], pair["two"]): pair for pair in report["pairs"]["after"]}
     column = layout.column(align=True)
-    draw_row(column, f"Smallest gap ({unit})", "before", "after")
+    draw_row(column, f"Gap ({unit})", "before", "after")
     box = column.box().column(align=True)
     for pair in report["pairs"]["before"]:
         now = after.pop((pair["one"], pair["two"]), None)
-        draw_row(
+        _pair_row(
             box,
-            f"{pair['one']} - {pair['two']}",
+            pair,
             number(factor * pair["least"]),
             "apart" if now is None else number(factor * now["least"]),
             alert=now is not None and now["state"] != "clear",
         )
     for pair in after.values():
-        draw_row(box, f"{pair['one']} - {pair['two']}", "apart", number(factor * pair["least"]))
+        _pair_row(box, pair, "apart", number(factor * pair["least"]))
     before, now = (report["pairs"][key] for key in ("before", "after"))
     box = column.box().column(align=True)
     for title, count in (
@@ -269,16 +273,25 @@ def _volume(pairs: list[dict[str, Any]], factor: float) -> str:
     return "-" if None in shared else number(factor**3 * sum(shared))
 
 
-def _cells(layout: bpy.types.UILayout, title: str, depth: str, over: str, icon: str) -> None:
-    """Draw a row of the table of pairs."""
-    split = layout.split(factor=0.6, align=True)
-    split.label(text=title)
+def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over: str, icon: str) -> None:
+    """Draw a row of the table of pairs, the two names one below the other."""
+    split = layout.split(factor=0.55, align=True)
+    column = split.column(align=True)
+    column.scale_y = 0.7
+    for name in names:
+        column.label(text=name)
     cells = split.row(align=True)
     for text in (depth, over):
         cell = cells.row()
         cell.alignment = "RIGHT"
         cell.label(text=text)
     layout.label(text="", icon=icon)
+
+
+def _pair_row(layout: bpy.types.UILayout, pair: dict[str, Any], *cells: str, alert: bool = False) -> None:
+    """Draw two names one below the other, and two figures beside the second."""
+    draw_row(layout, pair["one"], "", "")
+    draw_row(layout, f"    {pair['two']}", *cells, alert=alert)
 
 
 classes = (
