@@ -256,14 +256,16 @@ def draw_body(layout: bpy.types.UILayout, factor: float, body: dict[str, Any]) -
     if not body["nodes_moved"]:
         draw_row(box, body["name"], "", "rigid" if body["rigid"] else "not moved")
         return
-    draw_row(box, body["name"], "moved up to", number(factor * body["movement"]["maximum"]))
+    draw_row(box, body["name"], "", "")
+    draw_row(box, "    Nodes moved", "", str(body["nodes_moved"]))
+    draw_row(box, "    Moved up to", "", number(factor * body["movement"]["maximum"]))
     if body["xor"] is not None:
         draw_row(box, "    Changed volume", "", f"{100 * body['xor']:.2g} %")
     if body["thickness"] is not None:
         draw_row(box, "    Thinned up to", "", f"{100 * body['thickness_lost']:.2g} %")
     if body["scaled_jacobian"] is not None:
         figures = (f"{body['scaled_jacobian'][side]['minimum']:.3f}" for side in ("before", "after"))
-        draw_row(box, "    Scaled Jacobian, min", *figures)
+        draw_row(box, "    Jacobian, min", *figures)
         new = len(body["newly_inverted"])
         draw_row(box, "    Newly inverted", "", str(new), alert=new > 0)
 
@@ -277,10 +279,10 @@ def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over:
     """Draw a row of the table of pairs, the two names one below the other."""
     split = layout.split(factor=0.55, align=True)
     column = split.column(align=True)
-    column.scale_y = 0.7
+    column.scale_y = 0.55 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
     for name in names:
         column.label(text=name)
-    cells = split.row(align=True)
+    cells = split.split(factor=0.5)
     for text in (depth, over):
         cell = cells.row()
         cell.alignment = "RIGHT"
