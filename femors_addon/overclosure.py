@@ -109,13 +109,16 @@ def remove_overclosure(
     asked = asked_gaps(solids, settings.gap, exclude, gaps or {})
     before = find(solids, asked, _band(solids, settings), part(progress, 0.0, 0.1))
     history: list[Step] = []
+    if all(solid.share == 0 for solid in solids) and not all(finding.clear for finding in before):
+        raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
     efforts = _efforts(solids, asked, before, settings)
     stop, after = "", before
     if any(not finding.clear for finding in before):
         stop, after = _removed(efforts, solids, asked, settings, history, part(progress, 0.1, 0.97), preview)
+    solved = time.process_time()
     result = result_of(solids, before, after, efforts, settings, tuple(history), stop)
     progress(1.0, "done")
-    return dataclasses.replace(result, seconds=time.process_time() - started)
+    return dataclasses.replace(result, seconds=time.process_time() - started, solve_seconds=solved - started)
 
 
 # --- input ------------------------------------------------------------------------------------------
@@ -152,6 +155,8 @@ def _efforts(
 
     Pairs that are clear now are kept in sight, for others may push them together.
     """
+    if settings.method != "grnn":
+        settings = dataclasses.replace(settings, continuation=False)
     stride = np.inf
     if len(solids) > 2:
         stride = STRIDE * min(thickness(solid.surface) for solid in solids)

@@ -22,6 +22,7 @@ from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, silent
 
+SWALLOWED = 0.5  # of a body's nodes inside another: as many leaving by the wrong side, and it is contained
 TOLERANCE = 1e-5  # of the unit: by how much a gap may miss what is asked for
 CLEAR, NEAR, OVERLAP, CONTAINED = "clear", "too near", "overlap", "contained"
 
@@ -184,14 +185,16 @@ def measure(
     limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
     slack = _rounding(a) + _rounding(b)
     for own, other in ((one, two), (two, one)):
-        rows, distance = _signed(own.surface, other, reach, indices)
+        rows, distance, wrong = _signed(own.surface, other, reach, indices)
         distance = distance - slack  # what is left of it in single precision
         over.append(int((distance < limit).sum()))
         if len(rows) and distance.min() < least:
             least, where = float(distance.min()), own.surface.vertices[rows[np.argmin(distance)]]
         deep: NDArray[np.bool_] = np.zeros(len(own.corner), dtype=bool)
         deep[rows[distance < 0]] = True
-        inside.append(deep)
+        # a ball whose socket has closed in on it comes free by its own side: that is no body in a body
+        swallowed = deep.any() and wrong[distance < 0].mean() > SWALLOWED
+        inside.append(deep if swallowed else np.zeros_like(deep))
     pairs = max(len(crossings(a, b)), len(crossings(_single(a), _single(b))))
     if least >= band and not pairs:
         return None
@@ -266,21 +269,26 @@ def same_surface(one: Solid, two: Solid) -> bool:
 
 def _signed(
     surface: Surface, other: Solid, reach: float, indices: Indices
-) -> tuple[NDArray[np.int64], Float]:
-    """Signed distances of the vertices that lie within `reach` of the other's box: (rows, distances)."""
+) -> tuple[NDArray[np.int64], Float, NDArray[np.bool_]]:
+    """Signed distances of the vertices within `reach` of the other's box, and who leaves by the wrong side.
+
+    Returns (rows (k,), distances (k,), wrong (k,)).
+    """
     low, high = other.surface.bounds
     rows = np.flatnonzero(
         ((surface.vertices >= low - reach) & (surface.vertices <= high + reach)).all(axis=1)
     )
     if not len(rows):
-        return rows, np.zeros(0)
+        return rows, np.zeros(0), np.zeros(0, dtype=bool)
     if other.name not in indices:
         indices[other.name] = SurfaceIndex(other.surface)
     index = indices[other.name]
     found = index.closest(surface.vertices[rows])
-    side = np.einsum("ij,ij->i", surface.vertices[rows] - found.point, index.pseudonormals(found))
+    normal = index.pseudonormals(found)
+    side = np.einsum("ij,ij->i", surface.vertices[rows] - found.point, normal)
     inside = (side < 0) & ~other.on_border(found)
-    return rows, np.where(inside, -found.distance, found.distance)
+    wrong = np.einsum("ij,ij->i", surface.vertex_normals[rows], normal) > 0
+    return rows, np.where(inside, -found.distance, found.distance), wrong
 
 
 def _single(surface: Surface) -> Surface:
