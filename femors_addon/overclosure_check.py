@@ -252,7 +252,7 @@ def gap_map(
     for number, (i, j) in enumerate(pairs):
         progress(number / len(pairs), f"gaps of {solids[i].name} and {solids[j].name}")
         for own, other in ((i, j), (j, i)):
-            rows, distance = _signed(solids[own].surface, solids[other], reach, indices)
+            rows, distance, _ = _signed(solids[own].surface, solids[other], reach, indices)
             values[own][rows] = np.minimum(values[own][rows], distance)
     return {solid.name: solid.by_node(value, reach) for solid, value in zip(solids, values, strict=True)}
 

@@ -150,8 +150,6 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
     def prepare(self, context: bpy.types.Context) -> Compute:
         """Read the bodies; return the removal as a function of progress."""
         items = self.read(context)
-        if not any(shot.share for shot in self._shots):
-            raise FemorsError("All bodies are rigid: let at least one of them deform")
         for item, shot in zip(items, self._shots, strict=True):
             if shot.share:
                 bodies_write.check_writable(item, self.result)

@@ -468,7 +468,7 @@ def test_meshes_that_are_no_bodies(balls, tools):
 
 
 def test_everything_rigid(balls, tools):
-    refused("All bodies are rigid", tools, rigid="Ball;Cup")
+    refused("every body is rigid", tools, rigid="Ball;Cup")
     assert bpy.ops.femors.check_overclosure(bodies="Ball;Cup", rigid="Ball;Cup") == {"FINISHED"}
 
 
