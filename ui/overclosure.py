@@ -279,7 +279,7 @@ def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over:
     """Draw a row of the table of pairs, the two names one below the other."""
     split = layout.split(factor=0.55, align=True)
     column = split.column(align=True)
-    column.scale_y = 0.55 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
+    column.scale_y = 0.6 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
     for name in names:
         column.label(text=name)
     cells = split.split(factor=0.5)
