@@ -81,6 +81,8 @@ def share_of(item: bpy.types.Object) -> float:
 def shares(items: list[bpy.types.Object], rigid: str, given: str) -> list[float]:
     """Return the share of each body: its own, but for those that the caller names.
 
+    Of two bodies, of which one is given a share, the other takes the rest of 1, unless it is rigid.
+
     Raises
     ------
     FemorsError
@@ -91,7 +93,11 @@ def shares(items: list[bpy.types.Object], rigid: str, given: str) -> list[float]
         body_names.known(name, out, "Rigid")
         out[name] = 0.0
     linked = {item.name for item in items if is_linked(item)}
-    for name, share in body_names.numbers(given, out, "Shares").items():
+    named = body_names.numbers(given, out, "Shares")
+    if len(out) == 2 and len(named) == 1:
+        other = next(name for name in out if name not in named)
+        out[other] = min(max(1.0 - next(iter(named.values())), 0.0), 1.0) if out[other] else 0.0
+    for name, share in named.items():
         if share and name in linked:
             raise FemorsError(f"'{name}' is linked from another file and cannot be moved: it must be rigid")
         out[name] = share

@@ -28,7 +28,8 @@ def body_arguments() -> dict[str, Any]:
         "bodies": "Names of the objects, 'A;B;C'; without them the collection's, or the selected ones",
         "collection": "Name of the collection that holds the bodies, where they are not named",
         "rigid": "Names of bodies that stay as they are, 'A;B', beside those whose role is Rigid",
-        "shares": "Shares of single bodies in place of their own, 'A=0.3;B=1'; 0 is rigid",
+        "shares": "Shares of single bodies in place of their own, 'A=0.3;B=1'; 0 is rigid; of two bodies "
+        "the one that is not named takes the rest of 1",
         "exclude": "Pairs that may overlap, 'A,B;C,D'",
         "gaps": "Gaps of single pairs, 'A,B=0.02;C,D=0'",
     }

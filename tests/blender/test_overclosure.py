@@ -199,6 +199,16 @@ def test_shares_of_the_caller_come_first(balls):
     assert one.femors.share == 0.5, "the objects' own stay"
 
 
+def test_of_two_bodies_the_other_takes_the_rest(balls):
+    def shares(**options):
+        return {body["name"]: body["share"] for body in remove(result="IN_PLACE", **options)["bodies"]}
+
+    assert shares(shares="Ball=0.25") == {"Ball": 0.25, "Cup": 0.75}
+    assert shares(shares="Ball=0.25", rigid="Cup") == {"Ball": 0.25, "Cup": 0.0}
+    balls[1].femors.share = 1.0
+    assert shares(bodies="Ball;Cup;Far", shares="Ball=0.25") == {"Ball": 0.25, "Cup": 1.0, "Far": 0.5}
+
+
 def test_rigid_by_argument(balls):
     before = base(balls[0])
     figures = remove(rigid="Ball", result="IN_PLACE")
