@@ -136,6 +136,66 @@ def test_pairs_that_are_excluded_or_have_a_gap_stay_in_the_table(balls):
     assert form().pair_index == -1
 
 
+class Pressed:
+    """Stands in for an operator whose button is pressed: arguments, of which some were given."""
+
+    def __init__(self, rna, **given):
+        self.__dict__.update(given)
+        self.properties, self.bl_rna, self.given = self, rna, given
+
+    def is_property_set(self, name):
+        return name in self.given
+
+    def run_modal(self, context):
+        return {"FINISHED"}
+
+
+def test_a_button_takes_the_form(balls, part):
+    operator = part("operators.overclosure").FEMORS_OT_remove_overclosure
+    rna = bpy.ops.femors.remove_overclosure.get_rna_type()
+    bpy.ops.femors.check_overclosure(bodies="Ball;Cup;Far", gaps="Cup,Far=0.3", exclude="Ball,Far")
+    for item in bpy.data.objects:
+        item.select_set(item in balls)
+    form().gap, form().result, form().method = 0.25, "IN_PLACE", "nodal"
+    form().pairs[0].own_gap, form().pairs[0].gap = True, 0.1
+    pressed = Pressed(rna, iterations=7)
+    operator.invoke(pressed, bpy.context, None)
+    assert pressed.bodies == "Ball;Cup;" and [row.item for row in form().bodies] == list(balls)
+    assert (pressed.exclude, pressed.gaps) == ("", "Ball,Cup=0.1"), "pairs of other bodies do not count"
+    assert (pressed.gap, pressed.result, pressed.method) == (0.25, "IN_PLACE", "nodal")
+    assert pressed.iterations == 7, "what the caller gives comes first"
+    balls[0].select_set(False)
+    form().pairs[0].exclude = True
+    operator.invoke(pressed := Pressed(rna), bpy.context, None)
+    assert pressed.bodies == "Ball;Cup;", "the list stays when the selection changes"
+    assert (pressed.exclude, pressed.gaps) == ("Ball,Cup", "")
+    group = bpy.data.collections.new("Joint")
+    for item in bpy.data.objects:
+        group.objects.link(item)
+    form().bodies_from, form().collection = "COLLECTION", group
+    operator.invoke(pressed := Pressed(rna), bpy.context, None)
+    assert pressed.bodies == "Ball;Cup;Far;" and pressed.exclude == "Ball,Cup;Ball,Far"
+    assert pressed.gaps == "Cup,Far=0.3"
+    assert bpy.ops.femors.take_bodies(clear=True) == {"FINISHED"} and not form().bodies
+    assert bpy.ops.femors.take_bodies() == {"FINISHED"}
+    assert [row.item.name for row in form().bodies] == ["Cup"]
+
+
+def test_settings_are_declared_once(extension, part):
+    settings = part("femors_addon.settings").specs(
+        part("femors_addon.overclosure_settings").OverclosureSettings
+    )
+    for name, (field, spec) in settings.items():
+        for properties in (
+            bpy.ops.femors.remove_overclosure.get_rna_type().properties,
+            bpy.context.scene.femors_overclosure.bl_rna.properties,
+        ):
+            shown = properties[name]
+            assert (shown.name, shown.description) == (spec.label, spec.help)
+            default = field.default
+            assert shown.default == (pytest.approx(default) if isinstance(default, float) else default)
+
+
 # --- removal -------------------------------------------------------------------------------------------
 def test_shape_keys_blend_and_are_certified_as_blender_holds_them(balls, core):
     before = [base(item) for item in balls]

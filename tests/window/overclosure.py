@@ -33,6 +33,7 @@ def steps(story: Any) -> Iterator[None]:
     yield from check(story, form)
     yield from cancelled(story)
     yield from removed(story, form)
+    yield from excluded(story, form)
     yield from edited(story)
     for name in NAMES:
         bpy.data.objects.remove(bpy.data.objects[name])
@@ -110,6 +111,16 @@ def removed(story: Any, form: Any) -> Iterator[None]:
     story.check(keys() == ["Ball", "Cup"], "redo did not bring the result back")
     story.call(bpy.ops.ed.undo)
     yield from story.pause(0.3)
+
+
+def excluded(story: Any, form: Any) -> Iterator[None]:
+    """A pair that was unticked in the table is left alone by the button."""
+    form.pairs[0].exclude = True
+    yield from press(story, bpy.ops.femors.remove_overclosure)
+    yield from story.wait("the removal", story.quiet)
+    story.check(not keys(), "an excluded pair was parted")
+    story.check([(pair.exclude, pair.state) for pair in form.pairs] == [(True, "excluded")], "the row")
+    form.pairs[0].exclude = False
 
 
 def edited(story: Any) -> Iterator[None]:
