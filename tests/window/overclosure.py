@@ -25,15 +25,14 @@ def steps(story: Any) -> Iterator[None]:
     for name in others:  # by name: undo makes all objects anew
         bpy.data.objects[name].hide_set(True)
     make()
-    form = bpy.context.scene.femors_overclosure
     story.check(gap(story), "the buttons must be disabled while nothing is selected")
     for name in NAMES:
         bpy.data.objects[name].select_set(True)
     story.check(not gap(story), "the buttons must be enabled for what is selected")
-    yield from check(story, form)
+    yield from check(story)
     yield from cancelled(story)
-    yield from removed(story, form)
-    yield from excluded(story, form)
+    yield from removed(story)
+    yield from excluded(story)
     yield from edited(story)
     for name in NAMES:
         bpy.data.objects.remove(bpy.data.objects[name])
@@ -56,6 +55,11 @@ def gap(story: Any) -> str:
         return module.gap(bpy.context)
 
 
+def form() -> Any:
+    """The panel's form, anew: undo makes all of the scene anew."""
+    return bpy.context.scene.femors_overclosure
+
+
 def press(story: Any, operator: Any) -> Iterator[None]:
     """Press a button of the panel and wait for the first word of progress."""
     result = story.call(operator, "INVOKE_DEFAULT")
@@ -69,15 +73,15 @@ def keys() -> list[str]:
     return [name for name in NAMES if bpy.data.objects[name].data.shape_keys is not None]
 
 
-def check(story: Any, form: Any) -> Iterator[None]:
+def check(story: Any) -> Iterator[None]:
     """Check; then a click on the pair selects and frames both of its objects."""
     yield from press(story, bpy.ops.femors.check_overclosure)
     yield from story.wait("the check", story.quiet)
-    story.check([(p.one, p.two, p.state) for p in form.pairs] == [("Ball", "Cup", "overlap")], "pairs")
-    story.check([row.item.name for row in form.bodies] == sorted(NAMES), "the list of bodies")
+    story.check([(p.one, p.two, p.state) for p in form().pairs] == [("Ball", "Cup", "overlap")], "pairs")
+    story.check([row.item.name for row in form().bodies] == sorted(NAMES), "the list of bodies")
     region = story.view()["area"].spaces.active.region_3d
     before = region.view_location.copy()
-    form.pair_index = 0
+    form().pair_index = 0
     yield from story.pause(1.0)
     chosen = sorted(item.name for item in bpy.context.view_layer.objects if item.select_get())
     story.check(chosen == ["Ball", "Cup"], f"a click on the pair selected {chosen}")
@@ -95,13 +99,13 @@ def cancelled(story: Any) -> Iterator[None]:
     story.check(not keys(), "a cancelled removal changed the scene")
 
 
-def removed(story: Any, form: Any) -> Iterator[None]:
+def removed(story: Any) -> Iterator[None]:
     """Run to the end; one undo takes all of it back, one redo brings it again."""
     yield from press(story, bpy.ops.femors.remove_overclosure)
     yield from story.wait("the removal", story.quiet)
     story.check(keys() == ["Ball", "Cup"], f"shape keys on {keys()}")
     story.check("CERTIFIED" in story.seen["reports"][-1], f"the report says: {story.seen['reports'][-1]}")
-    story.check([pair.state for pair in form.pairs] == ["clear"], "the table was not brought up to date")
+    story.check([pair.state for pair in form().pairs] == ["clear"], "the table was not brought up to date")
     yield from story.shot("o3_removed")
     story.call(bpy.ops.ed.undo)
     yield from story.pause(0.3)
@@ -113,14 +117,14 @@ def removed(story: Any, form: Any) -> Iterator[None]:
     yield from story.pause(0.3)
 
 
-def excluded(story: Any, form: Any) -> Iterator[None]:
+def excluded(story: Any) -> Iterator[None]:
     """A pair that was unticked in the table is left alone by the button."""
-    form.pairs[0].exclude = True
+    form().pairs[0].exclude = True
     yield from press(story, bpy.ops.femors.remove_overclosure)
     yield from story.wait("the removal", story.quiet)
     story.check(not keys(), "an excluded pair was parted")
-    story.check([(pair.exclude, pair.state) for pair in form.pairs] == [(True, "excluded")], "the row")
-    form.pairs[0].exclude = False
+    story.check([(pair.exclude, pair.state) for pair in form().pairs] == [(True, "excluded")], "the row")
+    form().pairs[0].exclude = False
 
 
 def edited(story: Any) -> Iterator[None]:
