@@ -73,6 +73,8 @@ class Solid:
         Its triangles, by vertex of the cleaned surface.
     notes : tuple of str
         What was mended for the maths, in words.
+    longest : float
+        Length of the surface's longest edge at the start.
     held : set of int
         Points that were stopped on their way to keep elements valid.
     version : int
@@ -107,6 +109,8 @@ class Solid:
             self._owner[on[used]] = self.corner[cleaned.vertex_map[used]]
             self.rest = np.array(body.nodes)
         self.points = self.rest.copy()
+        ends = cleaned.surface.vertices[cleaned.surface.edges]
+        self.longest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
         self.held: set[int] = set()
         self.version = 0
         self._begun = None if self.mesh is None else scaled_jacobians(self.mesh)

@@ -245,6 +245,8 @@ class Side:
         """Find the edges that pierce the other surface, and keep a place on each; return how many do."""
         if self._index is None or self._region is None:
             return 0
+        if self.bound.min() > self.body.longest:  # half of it would do, as long as no edge grew to twice
+            return 0
         near = Region.near(self.body.surface, self.bound, self.shift)
         if not len(near.surface.faces):
             return 0

@@ -211,14 +211,15 @@ def _loop(
 ) -> str:
     """Iterate until all pairs are clear; return why it stopped short of it, or ""."""
     best = _Best(solids)
-    deepest, shaped = 0.0, False
+    deepest, share, shaped = 0.0, 0.0, False
     for number in range(settings.iterations):
         missing, pierced, spread = _sweep(efforts)
         deepest = max(deepest, missing)
         history.append(Step(number + 1, missing, pierced, spread))
         done = 1.0 - math.log1p(1e4 * missing / deepest) / math.log1p(1e4) if deepest else 1.0
         text = f"overclosure, iteration {number + 1}, depth {missing:.3g}, {pierced} edges crossing"
-        progress(min(0.99, max(done, number / settings.iterations)), text)
+        share = min(0.99, max(share, done, number / settings.iterations))  # pairs push each other back in
+        progress(share, text)
         if preview is not None:
             preview({solid.name: solid.nodes for solid in solids})
         ready = all(effort.done for effort in efforts)

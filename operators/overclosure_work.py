@@ -96,7 +96,6 @@ def remove(shots: list[bodies.BodyShot], ask: Ask, progress: Progress) -> Remove
     """
     from ..femors_addon.overclosure import check_overclosure, remove_overclosure
 
-    progress = _rising(progress)
     models = bodies.models(shots)
     _refuse_tied(models, ask.exclude)
     options: dict[str, Any] = {"exclude": ask.exclude, "gaps": _widened(models, ask)}
@@ -116,18 +115,6 @@ def remove(shots: list[bodies.BodyShot], ask: Ask, progress: Progress) -> Remove
         findings = check_overclosure(held, ask.settings, part(progress, 0.85, 0.95), **options)
         result = _as_held(result, findings, ask)
     return Removed(result, moved, _gaps(models, held, ask, part(progress, 0.95, 1.0)))
-
-
-def _rising(progress: Progress) -> Progress:
-    """Let the fraction never fall: a pair may get deeper when another is parted."""
-    most = 0.0
-
-    def say(fraction: float, text: str) -> None:
-        nonlocal most
-        most = max(most, fraction)
-        progress(most, text)
-
-    return say
 
 
 def _gaps(models: list[bodies.Model], placed: list[Any], ask: Ask, progress: Progress) -> dict[str, Array]:
