@@ -163,6 +163,12 @@ class Solid:
         out[moved] = self.points[self._owner[moved]]
         return out
 
+    def by_node(self, values: Float, rest: float) -> Float:
+        """Return values (k,) of the surface's vertices by the body's own nodes (n,); `rest` for others."""
+        out = np.full(len(self.points), rest)
+        out[self.corner] = values
+        return out[self._owner]
+
     @property
     def result(self) -> Surface | VolumeMesh:
         """The body's mesh at the current points; the very same object where nothing moved."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
-from .bodies import Solid
+from .bodies import Body, Solid
 from .booleans import shared_volume
 from .intersect import crossings
 from .mesh import Float, Surface, edge_matrix
@@ -224,6 +224,37 @@ def measure(
         shared,
         state,
     )
+
+
+def gap_map(
+    bodies: Sequence[Body],
+    reach: float = 0.0,
+    progress: Progress = silent,
+    *,
+    exclude: Iterable[tuple[str, str]] = (),
+) -> dict[str, Float]:
+    """Return, by name of each body, the signed distance (n,) of its nodes to the nearest other body.
+
+    Negative inside another; `reach` for what is farther away, and for nodes below the surface.
+
+    Parameters
+    ----------
+    reach : float
+        In the unit of the coordinates; 0 = three mean edges, the median of the bodies.
+    exclude : iterable of pairs of names
+        Bodies that do not count for each other.
+    """
+    solids = [Solid(body, 0.0) for body in bodies]
+    reach = reach or 3.0 * float(np.median([solid.surface.mean_edge for solid in solids]))
+    values = [np.full(len(solid.corner), reach) for solid in solids]
+    pairs = asked_gaps(solids, 0.0, exclude, {})
+    indices: Indices = {}
+    for number, (i, j) in enumerate(pairs):
+        progress(number / len(pairs), f"gaps of {solids[i].name} and {solids[j].name}")
+        for own, other in ((i, j), (j, i)):
+            rows, distance, _ = _signed(solids[own].surface, solids[other], reach, indices)
+            values[own][rows] = np.minimum(values[own][rows], distance)
+    return {solid.name: solid.by_node(value, reach) for solid, value in zip(solids, values, strict=True)}
 
 
 def same_surface(one: Solid, two: Solid) -> bool:

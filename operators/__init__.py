@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import command, decks, dependencies, job, morph, props
+from . import command, decks, dependencies, job, morph, overclosure, props
 
 
 def register() -> None:
@@ -16,12 +16,14 @@ def register() -> None:
     for cls in morph.classes:
         bpy.utils.register_class(cls)
     decks.register()
+    overclosure.register()
     command.register()
 
 
 def unregister() -> None:
     """End a running job and take everything back, in reverse."""
     command.unregister()
+    overclosure.unregister()
     decks.unregister()
     job.unregister()
     for cls in reversed(morph.classes):

@@ -129,7 +129,7 @@ def _show(context: bpy.types.Context, item: bpy.types.Object) -> None:
 
 def shape_key(source: bpy.types.Object, local: Array, attributes: dict[str, Array], target_name: str) -> str:
     """Add a shape key with the morphed positions, at value 1; return what else there is to say."""
-    note = _single_user(source)
+    note = single_user(source)
     mesh = source.data
     _write_attributes(mesh, attributes)
     if mesh.shape_keys is None:
@@ -150,7 +150,7 @@ def shape_key(source: bpy.types.Object, local: Array, attributes: dict[str, Arra
 
 def in_place(source: bpy.types.Object, local: Array, attributes: dict[str, Array], inside_out: bool) -> str:
     """Move the source's own vertices; return what else there is to say."""
-    note = _single_user(source)
+    note = single_user(source)
     _write_attributes(source.data, attributes)
     _write_positions(source.data, local)
     if inside_out:
@@ -158,7 +158,7 @@ def in_place(source: bpy.types.Object, local: Array, attributes: dict[str, Array
     return note
 
 
-def _single_user(source: bpy.types.Object) -> str:
+def single_user(source: bpy.types.Object) -> str:
     """Give the source a mesh of its own where other objects use the same; say so."""
     mesh = source.data
     others = mesh.users - int(mesh.use_fake_user) - 1
