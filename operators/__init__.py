@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import command, decks, dependencies, job, morph, props
+from . import command, decks, dependencies, job, landmarks, morph, props, transfer
 
 
 def register() -> None:
@@ -16,12 +16,16 @@ def register() -> None:
     for cls in morph.classes:
         bpy.utils.register_class(cls)
     decks.register()
+    transfer.register()
+    landmarks.register()
     command.register()
 
 
 def unregister() -> None:
     """End a running job and take everything back, in reverse."""
     command.unregister()
+    landmarks.unregister()
+    transfer.unregister()
     decks.unregister()
     job.unregister()
     for cls in reversed(morph.classes):

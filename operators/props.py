@@ -157,6 +157,12 @@ class FEMORS_PG_object(bpy.types.PropertyGroup):
     report: bpy.props.StringProperty(
         name="Report", description="Figures of the morph that made this shape, as JSON", options={"HIDDEN"}
     )
+    field: bpy.props.PointerProperty(
+        type=bpy.types.Text,
+        name="Field",
+        description="The text that keeps the field of the morph that made this shape",
+        options={"HIDDEN"},
+    )
 
 
 class FEMORS_PG_mesh(bpy.types.PropertyGroup):

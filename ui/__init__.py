@@ -5,16 +5,16 @@ from __future__ import annotations
 
 import bpy
 
-from . import panels
+from . import panels, transfer
 
 
 def register() -> None:
     """Register the panels."""
-    for cls in panels.classes:
+    for cls in (*panels.classes, *transfer.classes):
         bpy.utils.register_class(cls)
 
 
 def unregister() -> None:
     """Take the panels back."""
-    for cls in reversed(panels.classes):
+    for cls in reversed((*panels.classes, *transfer.classes)):
         bpy.utils.unregister_class(cls)
