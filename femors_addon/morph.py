@@ -282,7 +282,7 @@ def _run(
         step = stage.step_scale * given
         after = slide(moved, displacement + step, mean, settings.sliding)
         if pull is not None:
-            after = pull(after)
+            after = pull(after, iteration.spread)
         step = (after - displacement) if share is None else share[:, None] * (after - displacement)
         if rest is work.aligned:
             step = guarded(rest, displacement, step, mean)

@@ -1,28 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Paired landmarks that steer a morph: pairs that do not fit the others, and the pull on the rest.
 
-The pull adds to the displacement, after each iteration, an interpolant of what is left between the
-landmarks: multiquadrics (Hardy 1971) with a constant, which go through all of them and vary little between.
-The surfaces lead across, the landmarks along.
+The pull adds to the displacement, after each iteration, a Gaussian interpolant of what is left between the
+landmarks. Like the field's spread, its width falls from iteration to iteration: first whole regions go
+along, at last the surroundings. The surfaces lead across, the landmarks along.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 
 from .align import landmark_transform, transformed
-from .mesh import Float, Int, Surface
+from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError
 
-SMOOTH = 0.05  # of the size: within so much of a landmark the pull is even
+WIDTH = 2.0  # spreads of the iteration: how far from a landmark its pull has fallen to 1 / e
+LEAST = 0.06  # of the size: the same at least, or a pull would fold the surface
 ON_SURFACE = 0.02  # of the size: a landmark so near is pulled along the surface, its height is left alone
 WRONG = 0.05  # of the size: error of a pair beside the others from which on it may be a wrong one
 WRONG_ALIGNED = 0.03  # the same after the alignment by the surfaces
 BETTER = 0.4  # of the misfit that is left where a wrong pair is left out
+TRIPLES = 500  # that are tried, at most twice as many
 TIMES = 4.0  # median residuals of the others that a wrong pair's is above
 
 
@@ -51,13 +54,7 @@ class Pairs:
         listed = tuple(names) if names is not None else tuple(str(n) for n in range(1, len(source) + 1))
         if len(source) < 3:
             raise FemorsError(f"alignment needs at least 3 paired landmarks, not {len(source)}")
-        good = np.ones(len(source), dtype=bool)
-        while good.sum() > 4:
-            worst = _worst(source, target, np.flatnonzero(good), size)
-            if worst is None:
-                break
-            good[worst] = False
-        return cls(source, target, listed, good)
+        return cls(source, target, listed, _agreeing(source, target, size))
 
     def after(self, matrix: Float, size: float) -> Pairs:
         """Look again, after an alignment by the surfaces: no pair may be far worse than the others."""
@@ -79,22 +76,32 @@ class Pairs:
         return [f"{words} and was left out"]
 
 
-def _worst(source: Float, target: Float, rows: Int, size: float) -> int | None:
-    """Return the pair without which the rest fits far better, and which is far off from that fit."""
-    whole = _misfit(source[rows], target[rows])
-    found = []
-    for row in rows:
-        rest = rows[rows != row]
+def _agreeing(source: Float, target: Float, size: float) -> np.ndarray:
+    """Return (k,) which pairs agree: the most that a similarity of three of them brings together.
+
+    Consensus of samples (Fischler & Bolles 1981), here of all triples or evenly many of them. A few pairs
+    are doubted only where most agree, and fit far better without them.
+    """
+    count = len(source)
+    everyone = np.ones(count, dtype=bool)
+    triples = list(itertools.combinations(range(count), 3))
+    best, most = everyone, (0, 0.0)
+    for triple in triples[:: max(len(triples) // TRIPLES, 1)]:
         try:
-            matrix = landmark_transform(source[rest], target[rest])
-        except FemorsError:  # on one line without it: nothing can be said
+            matrix = landmark_transform(source[list(triple)], target[list(triple)])
+        except FemorsError:  # on one line
             continue
-        miss = float(np.linalg.norm(transformed(matrix, source[row]) - target[row]))
-        found.append((_misfit(source[rest], target[rest]), miss, int(row)))
-    if not found:
-        return None
-    left, miss, row = min(found)
-    return row if left < BETTER * whole and miss > WRONG * size else None
+        miss = np.linalg.norm(transformed(matrix, source) - target, axis=1)
+        near = miss < WRONG * size
+        if (int(near.sum()), -float(miss[near].sum())) > most:
+            best, most = near, (int(near.sum()), -float(miss[near].sum()))
+    if best.sum() < max(4, count // 2 + 1) or best.all():
+        return everyone
+    matrix = landmark_transform(source[best], target[best])
+    good = np.linalg.norm(transformed(matrix, source) - target, axis=1) < WRONG * size
+    if good.all() or good.sum() < 4:
+        return everyone
+    return good if _misfit(source[good], target[good]) < BETTER * _misfit(source, target) else everyone
 
 
 def _misfit(source: Float, target: Float) -> float:
@@ -170,26 +177,22 @@ class Pull:
         on = (found.distance < ON_SURFACE * size) & (aim.distance < ON_SURFACE * size)
         self._from = np.where(on[:, None], found.point, source)
         self._to = np.where(on[:, None], aim.point, target)
-        self._weight, self._rest = weight, rest
-        near = _kernel(self._from, self._from, SMOOTH * size)
-        count = len(source)
-        system = np.zeros((count + 1, count + 1))
-        system[:count, :count] = near
-        system[:count, count] = system[count, :count] = 1.0
-        spread = _kernel(rest.vertices, self._from, SMOOTH * size)
-        # least squares: two landmarks at one place get their mean
-        self._basis = np.column_stack((spread, np.ones(len(spread)))) @ np.linalg.pinv(system)[:, :count]
+        self._weight, self._rest, self._size = weight, rest, size
 
     def left(self, displacement: Float) -> Float:
         """Return (k, 3) what is left between the landmarks under a displacement (n, 3)."""
         moved = np.einsum("kc,kcx->kx", self._bary, displacement[self._corners])
         return self._to - self._from - moved
 
-    def __call__(self, displacement: Float) -> Float:
-        """Return the displacement (n, 3) with the pull added."""
-        return displacement + self._weight * (self._basis @ self.left(displacement))
+    def __call__(self, displacement: Float, spread: float) -> Float:
+        """Return the displacement (n, 3) with the pull added; `spread` is that of the iteration."""
+        width = max(WIDTH * spread, LEAST * self._size)
+        # least squares: two landmarks at one place get their mean
+        inverse = np.linalg.pinv(_kernel(self._from, self._from, width), rcond=1e-3, hermitian=True)
+        pull = _kernel(self._rest.vertices, self._from, width) @ (inverse @ self.left(displacement))
+        return displacement + self._weight * pull
 
 
-def _kernel(points: Float, centres: Float, smooth: float) -> Float:
+def _kernel(points: Float, centres: Float, width: float) -> Float:
     square = np.sum((points[:, None, :] - centres[None, :, :]) ** 2, axis=2)
-    return -np.sqrt(square + smooth**2)
+    return np.exp(-square / width**2)

@@ -24,7 +24,7 @@ from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians
 
 FAR = 0.1  # of the source's size: what lies farther out, half of it, is spoken of
-ON = 1.0  # mean edges from the source's surface: a solid's nodes so near are laid onto the target's
+ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
 SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
 THERE = 0.01  # of the size: half of what is closer than this to the morphed surface, and farther than
 # four times as much from the source's, has been carried before
@@ -61,11 +61,10 @@ class Transferred:
     def summary(self) -> str:
         """Return the figures in a line."""
         away = np.abs(self.distance)
-        words = [f"{len(self.points)} points, {np.median(away):.3g} (max {away.max():.3g}) from the surface"]
+        middle, most = np.median(away), away.max()
+        words = [f"{len(self.points)} points, median {middle:.3g} (max {most:.3g}) from the surface"]
         if self.projected.any():
-            words.append(
-                f"projected by {np.median(self.projected):.3g} (max {self.projected.max():.3g}), median"
-            )
+            words.append(f"projected by {np.median(self.projected):.3g} (max {self.projected.max():.3g})")
         if self.error.any():
             words.append(f"error of the inverse {np.median(self.error):.2g} (max {self.error.max():.2g})")
         if self.kept:
@@ -164,7 +163,7 @@ class Transfer:
         if self._whole:
             index = self._after
             if self.onto is not None:
-                index, on = self.onto, np.abs(out.distance) <= ON * (field.aligned.mean_edge or 0.0)
+                index, on = self.onto, np.abs(out.distance) <= ON * self.carrier.size
                 place = self.onto.closest(out.points[on])
                 points, projected = out.points.copy(), out.projected.copy()
                 points[on], projected[on] = place.point, place.distance
