@@ -13,7 +13,7 @@ from ..operators.job import JobOperator
 from .figures import draw_sentence, length_unit, number
 from .panels import FemorsPanel, draw_job
 
-COLUMNS = (("distance", "distance"), ("residual", "residual"), ("stretch", "stretch"), ("spread", "spread"))
+COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "stretch"), ("spread", "spread"))
 LENGTHS = ("distance", "residual", "spread")
 
 
@@ -58,13 +58,14 @@ def _weight(name: str, value: float) -> float:
 
 def draw_cells(layout: bpy.types.UILayout, title: str, cells: list[str]) -> None:
     """Draw a name and right-aligned cells."""
-    split = layout.split(factor=0.28)
-    split.label(text=title)
-    row = split.row()
-    for text in cells:
-        cell = row.row()
+    rest = layout.split(factor=0.28)
+    rest.label(text=title)
+    for left in range(len(cells), 0, -1):  # columns of one width, whatever stands in them
+        if left > 1:
+            rest = rest.split(factor=1.0 / left)
+        cell = rest.row()
         cell.alignment = "RIGHT"
-        cell.label(text=text)
+        cell.label(text=cells[len(cells) - left])
 
 
 class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
@@ -87,7 +88,7 @@ class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
         body = layout.column()
         body.enabled = JobOperator.current is None
         draw_fields(body, context, known, chosen)
-        draw_form(body, form)
+        draw_form(body, form, fields.head_of(chosen))
         if JobOperator.current is not None:
             draw_job(layout, JobOperator.current)
             return
@@ -144,10 +145,11 @@ def draw_fields(
     lines.label(text=str(head.get("date", ""))[:16].replace("T", "  "), icon="TIME")
     if figures:
         median, p99 = (number(factor * figures[key]) for key in ("median", "p99"))
-        lines.label(text=f"Target to source: median {median}, 99 % {p99} {unit}", icon="BLANK1")
+        named = "" if unit == "scene units" else f" {unit}"
+        lines.label(text=f"fit: median {median}, 99 % {p99}{named}", icon="BLANK1")
 
 
-def draw_form(layout: bpy.types.UILayout, form: Any) -> None:
+def draw_form(layout: bpy.types.UILayout, form: Any, head: dict[str, Any]) -> None:
     """Draw what is carried, and how."""
     row = layout.row()
     row.prop(form, "what", expand=True)
@@ -157,6 +159,8 @@ def draw_form(layout: bpy.types.UILayout, form: Any) -> None:
     if form.what == "GROUPS":
         column.prop(form, "source", icon="MESH_DATA")
         column.prop(form, "target", icon="MESH_DATA")
+        if form.source is None and form.target is None:
+            column.label(text=f"{head.get('source', '?')} onto {head.get('target', '?')}", icon="INFO")
         ticks = column.column(align=True)
         for name in ("use_groups", "use_empties", "use_templates", "project"):
             ticks.prop(form, name)
