@@ -26,7 +26,7 @@ class FEMORS_UL_marks(bpy.types.UIList):
         """Draw a row."""
         factor, _ = length_unit(context.scene.unit_settings)
         cells = []
-        for name, _ in COLUMNS:
+        for name, _ in columns(data):
             value = getattr(item, name)
             unknown = (name == "spread" and value < 0) or (name == "residual" and not np.isfinite(value))
             cells.append("-" if unknown else number(value * (factor if name in LENGTHS else 1.0)))
@@ -56,13 +56,18 @@ def _weight(name: str, value: float) -> float:
     return abs(value) if name == "distance" else value
 
 
+def columns(form: Any) -> tuple[tuple[str, str], ...]:
+    """Return the columns that say something: without several templates there is no spread."""
+    return COLUMNS if any(mark.spread >= 0 for mark in form.marks) else COLUMNS[:-1]
+
+
 def draw_cells(layout: bpy.types.UILayout, title: str, cells: list[str]) -> None:
     """Draw a name and right-aligned cells."""
-    rest = layout.split(factor=0.28)
+    rest = layout.split(factor=0.34, align=True)
     rest.label(text=title)
     for left in range(len(cells), 0, -1):  # columns of one width, whatever stands in them
         if left > 1:
-            rest = rest.split(factor=1.0 / left)
+            rest = rest.split(factor=1.0 / left, align=True)
         cell = rest.row()
         cell.alignment = "RIGHT"
         cell.label(text=cells[len(cells) - left])
@@ -122,7 +127,7 @@ class FEMORS_PT_marks(FemorsPanel, bpy.types.Panel):
         row.prop(form, "sort", text="Sort by")
         head = layout.row()
         head.scale_y = 0.7
-        draw_cells(head, "Name", [title for _, title in COLUMNS])
+        draw_cells(head, "Name", [title for _, title in columns(form)])
         layout.template_list("FEMORS_UL_marks", "", form, "marks", form, "mark", rows=6)
         export = layout.operator("femors.export_landmarks", text="Export Table", icon="EXPORT")
         export.use_table = export.use_figures = True
