@@ -283,6 +283,7 @@ COMMANDS = (
         help="Carry meshes, decks and landmarks by the field of a morph.",
         options=cli_transfer.transfer_options,
         run=cli_transfer.transfer,
+        exit_codes=cli_transfer.EXIT_CODES,
     ),
     Command(
         name="landmarks",
@@ -290,6 +291,7 @@ COMMANDS = (
         help="Find the landmarks of one mesh, or of several, on TARGET: morph, and carry them along.",
         options=cli_transfer.landmarks_options,
         run=cli_transfer.find_landmarks,
+        exit_codes=cli_transfer.EXIT_CODES,
     ),
     Command(
         name="overclosure",

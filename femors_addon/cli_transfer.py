@@ -25,6 +25,14 @@ from .progress import FemorsError, Progress, part
 from .transfer import Transfer, Transferred
 from .transfer_settings import AxesSettings, TransferSettings
 
+EXIT_CODES = """exit codes:
+  0    done
+  1    the result is written, but nothing was within the field's reach, or the input lay there already,
+       or a template's morph did not converge; the reason is on stderr
+  2    bad input or usage: one line on stderr, nothing is written
+  3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
+  130  interrupted (Ctrl-C); the last line says if anything is written
+"""
 TABLE = "the landmarks with distance, residual, stretch, projection and spread, as CSV"
 MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
 
@@ -138,7 +146,12 @@ def _deck(transfer: Transfer, deck: Deck, progress: Progress) -> Transferred:
     """Carry all nodes of a deck, each part where the assembly has it."""
     places = np.tile(np.eye(4), (len(deck.coordinates), 1, 1))
     for known in deck.parts.values():
-        places[known.nodes] = deck.placement(None, known)
+        try:
+            places[known.nodes] = deck.placement(None, known)
+        except FemorsError:
+            raise FemorsError(
+                f"'{known.name}' stands in several places of the assembly; give each place its own part"
+            ) from None
     world = np.einsum("nij,nj->ni", places[:, :3, :3], deck.coordinates) + places[:, :3, 3]
     moved = transfer.mesh(deck.mesh.moved(world), progress)
     back = np.linalg.inv(places)

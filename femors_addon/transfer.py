@@ -26,8 +26,8 @@ from .volume_quality import scaled_jacobians
 FAR = 0.1  # of the source's size: what lies farther out, half of it, is spoken of
 ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
 SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
-THERE = 0.01  # of the size: half of what is closer than this to the morphed surface, and farther than
-# four times as much from the source's, has been carried before
+THERE = 0.002  # of the size: half of what was carried before is so near the surface that it was carried to,
+AWAY = 5.0  # and so many times as far from the other
 SAMPLE = 2000  # points that are looked at for that
 
 
@@ -210,4 +210,4 @@ class Transfer:
         near = float(np.median(self._after.closest(sample).distance))
         far = float(np.median(self._before.closest(sample).distance))
         near, far = near / self._after.surface.diagonal, far / self._before.surface.diagonal
-        return near < THERE and far > 4.0 * max(near, THERE / 2.0)
+        return near < THERE and far > max(AWAY * near, 1.5 * THERE)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The operators `femors.import_landmarks` and `femors.export_landmarks`, and their menu entries.
+"""The operators `femors.import_landmarks` and `femors.export_landmarks`.
 
 No ``from __future__ import annotations`` here: Blender reads annotations as property definitions.
 """
@@ -19,7 +19,6 @@ from .props import ARGUMENT, add_properties, setting_properties
 
 ENDINGS = (".mrk.json", ".json", ".fcsv", ".csv")
 """Those of `femors_addon.landmarkfiles`; a test compares them."""
-LABEL = "Landmarks (.csv, .fcsv, .mrk.json)"
 GLOB = ";".join(f"*{ending}" for ending in ENDINGS)
 
 
@@ -155,30 +154,16 @@ class FEMORS_OT_export_landmarks(DeckOperator, bpy.types.Operator, ExportHelper)
         return list(named), np.array([marks.world(item) for item in named.values()]), figures
 
 
-def draw_import(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entry of File > Import."""
-    menu.layout.operator(FEMORS_OT_import_landmarks.bl_idname, text=LABEL)
-
-
-def draw_export(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entry of File > Export."""
-    menu.layout.operator(FEMORS_OT_export_landmarks.bl_idname, text=LABEL)
-
-
 classes = (FEMORS_OT_import_landmarks, FEMORS_OT_export_landmarks)
 
 
 def register() -> None:
-    """Register the operators and their menu entries."""
+    """Register the operators; `decks` draws their menu entries beside its own."""
     for cls in classes:
         bpy.utils.register_class(cls)
-    bpy.types.TOPBAR_MT_file_import.append(draw_import)
-    bpy.types.TOPBAR_MT_file_export.append(draw_export)
 
 
 def unregister() -> None:
     """Take them back."""
-    bpy.types.TOPBAR_MT_file_export.remove(draw_export)
-    bpy.types.TOPBAR_MT_file_import.remove(draw_import)
     for cls in reversed(classes):
         bpy.utils.unregister_class(cls)

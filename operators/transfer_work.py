@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 OWN = 0.005  # of the size: half of an object's vertices may be so far from the surface that a field knows
+NEARER = 5.0  # times as near to the morphed surface: it is that one
+ROUNDED = 1e-4  # of the size: no distance at all
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,14 +152,16 @@ def check_own(carrier: Carrier, template: Template) -> None:
     if not len(field.faces):
         raise FemorsError(f"The field '{template.name}' has no faces (of an early version): morph again")
     away = float(np.median(SurfaceIndex(field.origin).closest(template.vertices).distance))
-    if away <= OWN * field.origin.diagonal:
+    if away <= ROUNDED * field.origin.diagonal:
         return
     there = float(np.median(SurfaceIndex(field.morphed).closest(template.vertices).distance))
-    if there <= OWN * field.morphed.diagonal:
+    if there <= OWN * field.morphed.diagonal and NEARER * there < away:
         raise FemorsError(
             f"'{template.source}' lies on the target already (was it morphed in place?): "
             f"choose '{field.source}' as it was, whose groups the field '{template.name}' carries"
         )
+    if away <= OWN * field.origin.diagonal:  # remeshed or edited since
+        return
     raise FemorsError(
         f"The field '{template.name}' was made for another object: half of '{template.source}' is {away:.3g} "
         f"or more from '{field.source}' as it was morphed; choose that one, or morph again"

@@ -38,15 +38,21 @@ class FEMORS_UL_marks(bpy.types.UIList):
         flags = bpy.types.UI_UL_list.filter_items_by_name(
             self.filter_name, self.bitflag_filter_item, marks, "name", reverse=False
         )
-        rows = list(range(len(marks)))
-        if data.sort == "NAME":
-            rows.sort(key=lambda row: marks[row].name.lower())
-        elif data.sort != "ORDER":
-            rows.sort(key=lambda row: -_weight(data.sort, getattr(marks[row], data.sort)))
+        rows = sorted_rows(marks, data.sort)
         order = [0] * len(rows)
         for place, row in enumerate(rows):
             order[row] = place
         return flags, order
+
+
+def sorted_rows(marks: list[Any], sort: str) -> list[int]:
+    """Return the rows of the table in the order that the form asks for."""
+    rows = list(range(len(marks)))
+    if sort == "NAME":
+        rows.sort(key=lambda row: marks[row].name.lower())
+    elif sort != "ORDER":
+        rows.sort(key=lambda row: -_weight(sort, getattr(marks[row], sort)))
+    return rows
 
 
 def _weight(name: str, value: float) -> float:
