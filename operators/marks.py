@@ -53,10 +53,7 @@ def add(
             made.append(item)
             item.empty_display_type, item.empty_display_size = "SPHERE", size
             item.show_name = True
-            item[NAME] = name
-            for key, values in (figures or {}).items():
-                if not np.isnan(values[row]):
-                    item[f"femors_{key}"] = values[row]
+            note(item, name, {key: values[row] for key, values in (figures or {}).items()})
             if parent is not None:
                 item.parent = parent
                 item.matrix_parent_inverse = parent.matrix_world.inverted()
@@ -70,6 +67,17 @@ def add(
         bpy.data.collections.remove(collection)
         raise
     return collection
+
+
+def note(item: bpy.types.Object, name: str, figures: Mapping[str, Any]) -> None:
+    """Write a landmark's name and figures to its empty, in place of those that it had."""
+    item[NAME] = name
+    for key in FIGURES:
+        if f"femors_{key}" in item.keys():  # noqa: SIM118  (an object is no dict)
+            del item[f"femors_{key}"]
+    for key, value in figures.items():
+        if not np.isnan(value):
+            item[f"femors_{key}"] = value
 
 
 def world(item: bpy.types.Object) -> Array:

@@ -115,7 +115,14 @@ def snapshot(
         weights = group_weights(item, mesh, group) if group else None
         points = {n: world[i] for n, i in landmark_vertices(item, mesh).items()} if landmarks else {}
         if landmarks:
-            points |= marks.children(item)
+            children = marks.children(item)
+            twice = sorted(set(points) & set(children))
+            if twice:
+                raise FemorsError(
+                    f"'{item.name}' has the landmark '{twice[0]}' twice, as a vertex group and as an empty: "
+                    "rename one of them"
+                )
+            points |= children
     finally:
         if evaluated:
             bpy.data.meshes.remove(mesh)

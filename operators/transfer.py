@@ -4,7 +4,6 @@
 No ``from __future__ import annotations`` here: Blender reads annotations as property definitions.
 """
 
-import json
 from typing import Any, ClassVar
 
 import bpy
@@ -18,21 +17,23 @@ from . import (
     deck_morph,
     deck_store,
     dependencies,
+    field_operators,
     fields,
     marks,
     result,
     scene,
     transfer_props,
     transfer_work,
+    transfer_write,
 )
 from .form import exact
 from .job import Compute, JobOperator
 from .props import ARGUMENT, add_properties, setting_properties
 from .transfer_props import OPTIONS, transfer_options
 
-GROUPS_MADE = "femors_groups"
-"""Custom property of a target: the names of the groups that transfers have made, as JSON."""
 KEY_PREFIX = "Carried by "
+MOST = 4
+"""Objects of which each is reported with its figures."""
 
 
 def named(text: str) -> list[str]:
@@ -186,7 +187,8 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
             part = None
             if deck_store.is_part(item):
                 part = deck_morph.source_of(item, scene.snapshot(context, item))
-            things.append(transfer_work.Thing(item.name, points, part))
+            mark = marks.name_of(item) if item.type == "EMPTY" else ""
+            things.append(transfer_work.Thing(item.name, points, part, mark))
             self._before.append((item.name, matrix, points))
         data, name = fields.data_of(text), text.name
         return lambda progress: transfer_work.things(data, name, things, settings, onto, progress)
@@ -208,12 +210,12 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
             for name, vertex in zip(got.marks.names, got.nearest, strict=True):
                 weights[name] = np.zeros(len(self._target.vertices))
                 weights[name][vertex] = 1.0
+        made = transfer_write.groups(target, weights) if self.use_groups else []
         if self.use_empties and got.marks is not None:
             title = f"{self._field} landmarks"
             marks.add(context, title, got.marks.names, got.marks.points, got.marks.columns())
-        made = _write_groups(target, weights) if self.use_groups else []
         if got.marks is not None:
-            _fill_table(context.scene.femors_transfer, self._field, got.marks)
+            transfer_write.table(context.scene.femors_transfer, self._field, got.marks)
         return self._groups_line(target, got, made)
 
     def _groups_line(self, target: bpy.types.Object, got: Any, made: list[str]) -> tuple[str, str]:
@@ -244,8 +246,9 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
         made: list[bpy.types.Object] = []
         lines, faults = [], []
         items = [_same(context, *before) for before in self._before]
+        prediction = got.marks
         try:
-            for item, (_, matrix, _), (moved, known) in zip(items, self._before, got, strict=True):
+            for item, (_, matrix, _), (moved, known) in zip(items, self._before, got.moved, strict=True):
                 if self.result == "SHAPE_KEY":
                     inverse = np.linalg.inv(matrix)
                     local = moved.points @ inverse[:3, :3].T + inverse[:3, 3]
@@ -262,6 +265,16 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
             for item in made:
                 carried.remove(item, item.data)
             raise
+        faults += got.notes
+        if prediction is not None:
+            copies = [after for after in made if after.type == "EMPTY"]
+            for after, name in zip(copies, prediction.names, strict=True):
+                marks.note(
+                    after, name, {key: v[copies.index(after)] for key, v in prediction.columns().items()}
+                )
+            transfer_write.table(context.scene.femors_transfer, self._field, prediction)
+        if len(items) > MOST:
+            lines = [f"{len(items)} objects carried by '{self._field}'"]
         if made:
             for item in context.selected_objects:
                 item.select_set(False)
@@ -291,75 +304,7 @@ def _same(context: bpy.types.Context, name: str, matrix: Any, points: Any) -> bp
     return item
 
 
-def _write_groups(target: bpy.types.Object, weights: dict[str, Any]) -> list[str]:
-    """Write groups to a mesh; one that an earlier transfer has made is written anew, no other is touched."""
-    try:
-        ours = dict(json.loads(target.get(GROUPS_MADE, "{}")))
-    except (TypeError, ValueError):
-        ours = {}
-    made = []
-    for name, values in weights.items():
-        group = target.vertex_groups.get(ours.get(name, ""))
-        if group is not None:
-            group.remove(list(range(len(target.data.vertices))))
-        else:
-            group = target.vertex_groups.new(name=name)
-        for weight in np.unique(values[values > 0]):
-            group.add(np.flatnonzero(values == weight).tolist(), float(weight), "REPLACE")
-        ours[name] = group.name
-        made.append(group.name)
-    target[GROUPS_MADE] = json.dumps(ours)
-    return made
-
-
-def _fill_table(form: Any, title: str, prediction: Any) -> None:
-    """Put predicted landmarks into the panel's table."""
-    form.marks.clear()
-    form.title, form.mark = title, 0
-    columns = prediction.columns()
-    for row, name in enumerate(prediction.names):
-        mark = form.marks.add()
-        mark.name, mark.point = name, prediction.points[row]
-        for key, values in columns.items():
-            if not np.isnan(values[row]):
-                setattr(mark, key, values[row])
-
-
-class FEMORS_OT_choose_field(bpy.types.Operator):
-    """Choose this field for the next transfer"""
-
-    bl_idname = "femors.choose_field"
-    bl_label = "Choose Field"
-    bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
-
-    name: bpy.props.StringProperty(name="Field", description="Its name", options={"SKIP_SAVE"})
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the form's field."""
-        context.scene.femors_transfer.field = bpy.data.texts.get(self.name)
-        return {"FINISHED"}
-
-
-class FEMORS_OT_remove_field(bpy.types.Operator):
-    """Delete this field from the file"""
-
-    bl_idname = "femors.remove_field"
-    bl_label = "Delete Field"
-    bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
-
-    name: bpy.props.StringProperty(name="Field", description="Its name", options={"SKIP_SAVE"})
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Remove the text."""
-        try:
-            bpy.data.texts.remove(fields.find(self.name))
-        except FemorsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
-
-
-classes = (FEMORS_OT_transfer, FEMORS_OT_choose_field, FEMORS_OT_remove_field)
+classes = (FEMORS_OT_transfer, *field_operators.classes)
 
 
 def register() -> None:

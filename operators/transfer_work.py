@@ -77,11 +77,32 @@ class Groups:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Thing:
-    """An object to be carried: its name, its world points (p, 3), and the elements of an FE part."""
+    """An object to be carried.
+
+    Attributes
+    ----------
+    name : str
+    points : (p, 3) float64
+        World positions.
+    part : PartSource or None
+        The elements of an FE part.
+    mark : str
+        The landmark that an empty is, else "".
+    """
 
     name: str
     points: Array
     part: Any = None
+    mark: str = ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Things:
+    """Objects that were carried: for each its points and an FE part's exact nodes; landmarks among them."""
+
+    moved: list[tuple[Transferred, Any]]
+    marks: Prediction | None
+    notes: list[str]
 
 
 def carrier_of(data: bytes, name: str) -> Carrier:
@@ -175,8 +196,9 @@ def things(
     settings: TransferSettings,
     onto: Surface | None,
     progress: Progress,
-) -> list[tuple[Transferred, Any]]:
-    """Carry objects; return for each its points, and for an FE part its exact nodes (local)."""
+) -> Things:
+    """Carry objects; empties, which are landmarks, also get their confidence."""
+    from ..femors_addon import landmarks
     from ..femors_addon.transfer import Transfer
 
     transfer = Transfer(carrier_of(data, name), settings, onto)
@@ -190,7 +212,23 @@ def things(
                 out.append((transfer.points(item.points, step), None))
         except FemorsError as error:
             raise FemorsError(f"'{item.name}': {error}") from None
-    return out
+    rows = [row for row, item in enumerate(items) if item.mark]
+    if not rows:
+        return Things(out, None, [])
+    names = [items[row].mark for row in rows]
+    before, after, projected, distance = (
+        np.concatenate(arrays)
+        for arrays in (
+            [items[row].points for row in rows],
+            [out[row][0].points for row in rows],
+            [out[row][0].projected for row in rows],
+            [out[row][0].distance for row in rows],
+        )
+    )
+    notes = landmarks.far_ones(names, distance, transfer.carrier.size)
+    if settings.inverse or settings.strength < 1.0:
+        return Things(out, None, notes)
+    return Things(out, landmarks.predicted(transfer.carrier, names, before, after, projected), notes)
 
 
 def _elements(transfer: Any, item: Thing, progress: Progress) -> tuple[Transferred, Any]:

@@ -250,6 +250,31 @@ def test_empties_curves_and_bones_go_where_points_go(morphed, truth):
     np.testing.assert_allclose(armature.bones["Shaft"].head_local, (0, 0, -1.5), atol=1e-6)
 
 
+def test_empties_that_are_carried_are_landmarks(morphed, tools, truth):
+    """They keep their names, get their figures, and stand in the table; one far away is told."""
+    source = morphed[0]
+    for name, point in (("a", tools.world(source)[100]), ("b", (0.5, 0.0, 40.0))):
+        empty = bpy.data.objects.new(name, None)
+        empty["femors_landmark"], empty.location = name, point
+        bpy.context.scene.collection.objects.link(empty)
+    bpy.context.view_layer.update()
+    assert bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects="a;b") == {"FINISHED"}
+    marks = bpy.context.scene.femors_transfer.marks
+    assert [mark.name for mark in marks] == ["a", "b"]
+    assert marks["b"].distance > 30 and abs(marks["a"].distance) < 1e-4
+    copy = bpy.data.objects["a carried"]
+    assert copy["femors_landmark"] == "a" and copy["femors_stretch"] == pytest.approx(marks["a"].stretch)
+
+
+def test_a_landmark_that_is_there_twice_is_told(morphed):
+    source = morphed[0]
+    empty = bpy.data.objects.new("tip", None)
+    empty.parent = source
+    bpy.context.scene.collection.objects.link(empty)
+    with pytest.raises(RuntimeError, match="'tip' twice"):
+        bpy.ops.femors.morph(source="Femur", target="Scan", use_landmarks=True)
+
+
 def test_selected_objects_are_taken_where_none_is_named(morphed, tools):
     for item in bpy.context.selected_objects:
         item.select_set(False)
