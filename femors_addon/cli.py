@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import cli_convert, cli_overclosure, cli_transfer, deckfiles, files, landmarkfiles
+from . import cli_convert, cli_landmarks, cli_overclosure, cli_transfer, deckfiles, files, landmarkfiles
 from .align import inverse, transformed
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
@@ -281,16 +281,16 @@ COMMANDS = (
         name="transfer",
         usage="FIELD.npz INPUT... -o OUTDIR [options]",
         help="Carry meshes, decks and landmarks by the field of a morph.",
-        options=cli_transfer.transfer_options,
-        run=cli_transfer.transfer,
+        options=cli_transfer.options,
+        run=cli_transfer.run,
         exit_codes=cli_transfer.EXIT_CODES,
     ),
     Command(
         name="landmarks",
         usage="TEMPLATE TARGET TEMPLATE.csv -o OUT.csv [options]",
         help="Find the landmarks of one mesh, or of several, on TARGET: morph, and carry them along.",
-        options=cli_transfer.landmarks_options,
-        run=cli_transfer.find_landmarks,
+        options=cli_landmarks.options,
+        run=cli_landmarks.run,
         exit_codes=cli_transfer.EXIT_CODES,
     ),
     Command(
