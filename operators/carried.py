@@ -18,7 +18,8 @@ from ..femors_addon.progress import FemorsError
 from . import scene
 
 Array = NDArray[Any]
-KINDS = ("MESH", "CURVE", "SURFACE", "POINTCLOUD", "ARMATURE", "EMPTY")
+CLOUDS = ("POINTCLOUD", "CURVES")  # whose points are an attribute
+KINDS = ("MESH", "CURVE", "SURFACE", *CLOUDS, "ARMATURE", "EMPTY")
 
 
 def points_of(item: bpy.types.Object, matrix: Array) -> Array:
@@ -45,7 +46,7 @@ def points_of(item: bpy.types.Object, matrix: Array) -> Array:
 def _local(item: bpy.types.Object) -> Array:
     if item.type == "MESH":
         return scene.base_positions(item.data)
-    if item.type == "POINTCLOUD":
+    if item.type in CLOUDS:
         return _read(item.data.attributes["position"].data, "vector", 3)
     if item.type == "ARMATURE":
         ends = [end for bone in item.data.bones for end in (bone.head_local, bone.tail_local)]
@@ -94,7 +95,7 @@ def copy_of(
                 copy.shape_key_clear()
             data.vertices.foreach_set("co", np.ascontiguousarray(local, dtype=np.float32).ravel())
             data.update()
-        elif item.type == "POINTCLOUD":
+        elif item.type in CLOUDS:
             data.attributes["position"].data.foreach_set("vector", local.astype(np.float32).ravel())
         elif item.type == "ARMATURE":
             _write_bones(context, copy, local)
