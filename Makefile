@@ -38,6 +38,7 @@ format: setup ## let ruff rewrite the layout of the code
 bench: setup ## figures on real bones, which need ../shared/data
 	@[ -d "$(DATA)" ] || { echo "make bench: there is no folder $(DATA) with the bones (FEMORS_DATA=... names another)"; exit 1; }
 	@$(VENV)/bin/python tests/bench/bench_morph.py
+	@$(VENV)/bin/python tests/bench/bench_overclosure.py
 
 blender: ## fetch a real Blender binary (Debian's) for the tests
 	@[ -x "$(FETCH)" ] || { echo "make blender: there is no $(FETCH); install Blender yourself and set BLENDER=/path/to/blender"; exit 1; }
