@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import sys
 import tomllib
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import cli_convert, cli_overclosure, deckfiles, files, landmarkfiles
+from . import cli_convert, cli_landmarks, cli_overclosure, cli_transfer, deckfiles, files, landmarkfiles
 from .align import inverse, transformed
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
@@ -168,7 +169,7 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     check_paths([args.source, args.target, *landmarks], [args.out, *others])
     deckfiles.suffix_of(args.out)
     files.check_writable(args.out, *others)
-    pairs = _landmarks(landmarks)
+    *pairs, names = _landmarks(landmarks)
     source, target = deckfiles.read(args.source), deckfiles.read(args.target)
     part = cli_convert.part_of(source, args.part, "--part")
     surface = cli_convert.surface_of(source, args.part, "--part")
@@ -178,7 +179,9 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     aim = cli_convert.placed(home @ stand, cli_convert.surface_of(target, args.target_part, "--target-part"))
     ours, theirs = (None if points is None else transformed(home, points) for points in pairs)
     cli_convert.check_outputs(source, part, args.out, others)
-    keywords = {"source_landmarks": ours, "target_landmarks": theirs}
+    keywords: dict[str, Any] = {"source_landmarks": ours, "target_landmarks": theirs}
+    if names:
+        keywords["landmark_names"] = names
     thing: Deck | MeshFile
     result: MorphResult | VolumeMorphResult
     try:
@@ -202,7 +205,10 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
         if args.report is not None:
             paths[args.report].write_text(_report(args, result, faults), encoding="utf-8")
         if args.field is not None:
-            figures.save_field(paths[args.field])
+            date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+            names = (Path(args.source).stem, Path(args.target).stem)
+            # an assembly's part was morphed in its own coordinates; other things stand in the assembly's
+            figures.kept(*names, date).placed(inverse(home)).save(paths[args.field])
     console.written = True
     if not args.quiet:
         if np.linalg.det(figures.transform[:3, :3]) < 0:  # only surfaces get here: volumes refuse
@@ -218,13 +224,14 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     return IMPERFECT if faults else DONE
 
 
-def _landmarks(paths: list[str]) -> tuple[Any, Any]:
-    """Return the two files' landmarks in pairs, or nothing where no file is given."""
+def _landmarks(paths: list[str]) -> tuple[Any, Any, Any]:
+    """Return the two files' landmarks in pairs, and their names; or nothing where no file is given."""
     if not paths:
-        return None, None
+        return None, None, None
     if len(paths) == 1:
         raise FemorsError("--source-landmarks and --target-landmarks go together; only one is given")
-    return landmarkfiles.paired(*map(landmarkfiles.read, paths))
+    source, target = map(landmarkfiles.read, paths)
+    return *landmarkfiles.paired(source, target), source.names
 
 
 def _with_file(text: str, args: argparse.Namespace) -> str:
@@ -269,6 +276,22 @@ COMMANDS = (
         help="Write IN in the format that OUT's name says; in its own format it stays as it is.",
         options=cli_convert.options,
         run=cli_convert.run,
+    ),
+    Command(
+        name="transfer",
+        usage="FIELD.npz INPUT... -o OUTDIR [options]",
+        help="Carry meshes, decks and landmarks by the field of a morph.",
+        options=cli_transfer.options,
+        run=cli_transfer.run,
+        exit_codes=cli_transfer.EXIT_CODES,
+    ),
+    Command(
+        name="landmarks",
+        usage="TEMPLATE TARGET TEMPLATE.csv -o OUT.csv [options]",
+        help="Find the landmarks of one mesh, or of several, on TARGET: morph, and carry them along.",
+        options=cli_landmarks.options,
+        run=cli_landmarks.run,
+        exit_codes=cli_transfer.EXIT_CODES,
     ),
     Command(
         name="overclosure",

@@ -22,11 +22,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import zlib
 from collections.abc import Iterator
 from functools import cached_property
-from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -186,20 +183,6 @@ class DisplacementField:
                 break
         return out
 
-    # --- files --------------------------------------------------------------------------------
-    def arrays(self) -> dict[str, Float]:
-        """Return the field as named arrays, for a file."""
-        return {
-            "centres": self.centres,
-            "displacements": self.displacements,
-            "spread": np.array(self.spread),
-        }
-
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, Float]) -> DisplacementField:
-        """Make a field of what `arrays` gave."""
-        return cls(arrays["centres"], arrays["displacements"], float(arrays["spread"]))
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cells:
@@ -350,15 +333,3 @@ def _parts(count: int) -> list[slice]:
 def _gauss(sigma: float, radius: int) -> Float:
     kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     return kernel / kernel.sum()
-
-
-def load_arrays(path: str | Path) -> dict[str, Float]:
-    """Read an ``.npz`` file of arrays; one-line `FemorsError` where it is none."""
-    try:
-        archive = np.load(path, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise ValueError("one array, not several by name")
-        with archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, BadZipFile, zlib.error) as error:
-        raise FemorsError(f"{path}: not a readable field file ({error})") from None

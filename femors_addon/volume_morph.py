@@ -196,9 +196,12 @@ def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertice
     moved[ours.vertex_map[used]] = vertices[used]
     distance = index.closest(vertices).distance
     aligned = transformed(result.transform, surface.vertices)
+    field = dataclasses.replace(result.field, displacements=moved - result.field.centres)
     return dataclasses.replace(
         result,
         vertices=vertices,
+        field=field,
+        residual=index.closest(moved).distance,
         surface_distance=distance,
         displacement=np.linalg.norm(vertices - aligned, axis=1),
         after=compare(ours.surface, ours.surface.moved(moved), theirs.surface, target_index=index),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import command, decks, dependencies, job, morph, overclosure, props
+from . import command, decks, dependencies, job, landmarks, morph, overclosure, props, transfer
 
 
 def register() -> None:
@@ -17,12 +17,16 @@ def register() -> None:
         bpy.utils.register_class(cls)
     decks.register()
     overclosure.register()
+    transfer.register()
+    landmarks.register()
     command.register()
 
 
 def unregister() -> None:
     """End a running job and take everything back, in reverse."""
     command.unregister()
+    landmarks.unregister()
+    transfer.unregister()
     overclosure.unregister()
     decks.unregister()
     job.unregister()

@@ -15,6 +15,9 @@ from ..femors_addon.settings import specs
 
 T = TypeVar("T")
 
+FIELD = "femors_field"
+"""Custom property of a Text that holds a field: the bytes of its file."""
+
 
 def exact(value: float) -> float:
     """Return the short decimal behind a single-precision number: 0.95 where Blender has 0.94999999."""
@@ -61,6 +64,11 @@ def changed_from_preset(form: Any, cls: type, presets: dict[str, Any]) -> list[s
 def preset_chosen(form: Any, context: Any) -> None:
     """Fill the form when the user chooses a preset."""
     fill_from_preset(form, MorphSettings, PRESETS)
+
+
+def is_field(form: Any, item: Any) -> bool:
+    """Whether a picker offers this text: one that holds a field."""
+    return FIELD in item.keys()  # noqa: SIM118  (a Text is no dict)
 
 
 def is_mesh(form: Any, item: Any) -> bool:

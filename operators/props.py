@@ -178,6 +178,12 @@ class FEMORS_PG_object(bpy.types.PropertyGroup):
         subtype="FACTOR",
         options=set(FORM),
     )
+    field: bpy.props.PointerProperty(
+        type=bpy.types.Text,
+        name="Field",
+        description="The text that keeps the field of the morph that made this shape",
+        options={"HIDDEN"},
+    )
 
 
 class FEMORS_PG_mesh(bpy.types.PropertyGroup):
