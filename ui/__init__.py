@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar tab FEMORS."""
+"""The sidebar tab FEMORS, and its preferences."""
 
 from __future__ import annotations
 
 import bpy
 
-from . import panels
+from . import panels, preferences
 
 
 def register() -> None:
-    """Register the panels."""
-    for cls in panels.classes:
+    """Register the preferences and the panels."""
+    for cls in (*preferences.classes, *panels.classes):
         bpy.utils.register_class(cls)
 
 
 def unregister() -> None:
-    """Take the panels back."""
-    for cls in reversed(panels.classes):
+    """Take them back, in reverse."""
+    for cls in reversed((*preferences.classes, *panels.classes)):
         bpy.utils.unregister_class(cls)
