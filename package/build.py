@@ -1,27 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``make package``: the zips that users install, one for each platform.
 
-    python -m package.build [--only NAME ...] [--out dist]
+    python -m package.build [--only NAME ...] [--out dist] [--check]
 
 Each zip has the extension's rooms, a manifest made from blender_manifest.toml with the platform and its
 wheels, the wheels as they were published, and the list of their licences. The same sources and lock give
-the same bytes: nothing in a zip knows the time, the user or the order of a folder. What is written is read
-again and compared with the lock; a zip that does not pass never gets its name.
+the same bytes: nothing in a zip knows the time, the user or the order of a folder; ``--check`` builds once
+more and compares. What is written is read again and compared with the lock, and looked at by Blender's own
+``extension validate``, which the bpy wheel has too; a zip that does not pass never gets into ``dist``.
 """
 
 from __future__ import annotations
 
 import argparse
+import filecmp
 import hashlib
+import importlib.util
 import os
+import subprocess
 import sys
+import tempfile
 import tomllib
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from .targets import BUILDS, COMPANIONS, PROVIDED, ROOT, Build
-from .wheels import PackageError, Wheel, canonical, fetch, fits, read_lock, requires
+from .wheels import PackageError, Wheel, canonical, digest, fetch, fits, read_lock, requires
 
 ROOMS = ("femors_addon", "operators", "ui")
 FILES = ("__init__.py", "LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff")
@@ -140,6 +145,30 @@ def check_zip(path: Path, wheels: Sequence[Wheel]) -> None:
                 raise PackageError(f"{path.name}: {wheel.file} is not what the lock says")
 
 
+def validate(path: Path) -> None:
+    """Raise where Blender would not take the zip; nothing is said where there is no bpy wheel.
+
+    The script is what ``blender --command extension validate`` runs, with Blender's list of tags.
+    """
+    wheel = importlib.util.find_spec("bpy")
+    scripts = next(Path(str(wheel.origin)).parent.glob("*/scripts"), None) if wheel else None
+    if scripts is None:
+        print(f"{path.name}: not validated, for there is no bpy wheel", file=sys.stderr)
+        return
+    command = [sys.executable, str(scripts / "addons_core/bl_pkg/cli/blender_ext.py"), "validate"]
+    tags = scripts / "modules" / "_bpy_internal" / "extensions" / "tags.py"
+    command += ["--valid-tags", str(tags), str(path)]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise PackageError(f"{path.name} is not valid: {' '.join((done.stdout + done.stderr).split())}")
+
+
 def make(build: Build, lock: Sequence[Wheel], out: Path, root: Path = ROOT) -> Path:
     """Build one zip into a folder and return its path."""
     wheels = [wheel for wheel in lock if build.name in wheel.builds]
@@ -153,29 +182,42 @@ def make(build: Build, lock: Sequence[Wheel], out: Path, root: Path = ROOT) -> P
     values = tomllib.loads(text)
     path = out / f"{values['id']}-{values['version']}-{build.name}.zip"
     out.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
+    with tempfile.TemporaryDirectory(prefix=".building-", dir=out) as folder:
+        beside = Path(folder, path.name)
         write_zip(beside, content)
         check_zip(beside, wheels)
+        validate(beside)
         os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
     return path
 
 
+def compare(build: Build, lock: Sequence[Wheel], out: Path) -> None:
+    """Build once more elsewhere, and raise where the bytes are others."""
+    with tempfile.TemporaryDirectory() as folder:
+        again = make(build, lock, Path(folder))
+        first = out / again.name
+        if not first.is_file() or not filecmp.cmp(first, again, shallow=False):
+            raise PackageError(f"{first} is not what another build gives")
+    print(f"{first.name:45} the same when built again", flush=True)
+
+
 def main() -> int:
-    """Build what is asked for, and say how large it is."""
+    """Build what is asked for, and say how large it is; or build again, and say whether it is the same."""
     parser = argparse.ArgumentParser(prog="make package", description="Build the zips that users install")
     names = [build.name for build in BUILDS]
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="builds; default: all")
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the zips")
+    parser.add_argument("--check", action="store_true", help="compare another build with what is there")
     options = parser.parse_args()
     try:
         lock = read_lock()
         for build in (build for build in BUILDS if build.name in options.only):
+            if options.check:
+                compare(build, lock, options.out)
+                continue
             path = make(build, lock, options.out)
-            digest = hashlib.sha256(path.read_bytes()).hexdigest()
-            print(f"{path.name:45} {path.stat().st_size / 1e6:6.1f} MB  sha256 {digest}", flush=True)
+            size = path.stat().st_size / 1e6
+            print(f"{path.name:45} {size:6.1f} MB  sha256 {digest(path)}", flush=True)
     except PackageError as error:
         print(f"make package: {error}", file=sys.stderr)
         return 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import importlib.util
 import os
 import re
 import shutil
@@ -158,6 +159,25 @@ def test_a_lock_that_does_not_do_is_refused(cache, checkout, tmp_path, lock, wor
     with pytest.raises(PackageError, match=re.escape(words)):
         build.make(ONE, lock(cache), tmp_path / "out", checkout)
     assert not (tmp_path / "out").exists()
+
+
+def test_what_blender_would_not_take_is_refused(cache, checkout, tmp_path):
+    if importlib.util.find_spec("bpy") is None:
+        pytest.skip("Blender's validator comes with the bpy wheel")
+    path = checkout / build.MANIFEST
+    path.write_text(path.read_text().replace('"Mesh"', '"Bones"'))
+    with pytest.raises(PackageError, match=r"is not valid: .*Bones"):
+        build.make(ONE, [wheel(cache, "3.11"), wheel(cache, "3.13")], tmp_path / "out", checkout)
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_another_build_that_differs_is_told(cache, tmp_path):
+    lock = [wheel(cache, "3.11"), wheel(cache, "3.13")]
+    path = build.make(ONE, lock, tmp_path)
+    build.compare(ONE, lock, tmp_path)
+    path.write_bytes(path.read_bytes() + b"0")
+    with pytest.raises(PackageError, match="is not what another build gives"):
+        build.compare(ONE, lock, tmp_path)
 
 
 def test_numpy_is_refused(cache, checkout, tmp_path):
