@@ -99,6 +99,8 @@ def test_what_is_in_a_zip(cache, checkout, tmp_path):
     )
     assert said["platforms"] == ["linux-x64"]
     assert {path.removeprefix("./") for path in said["wheels"]} == {n for n in inside if n.endswith(".whl")}
+    order = [re.search(r"-cp(\d+)-", path)[1] for path in said["wheels"]]
+    assert order == ["313", "311"], "Blender 4.2.0 takes the last, and its Python is 3.11"
     assert said["permissions"] == own["permissions"] and "build" not in said
     for item in lock:
         assert hashlib.sha256(inside[f"wheels/{item.file}"]).hexdigest() == item.sha256
