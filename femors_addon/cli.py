@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import cli_convert, deckfiles, files, landmarkfiles
+from . import cli_convert, cli_overclosure, deckfiles, files, landmarkfiles
 from .align import inverse, transformed
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
@@ -45,6 +45,7 @@ class Command(NamedTuple):
     help: str
     options: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace, Console], int]
+    exit_codes: str = EXIT_CODES
 
 
 def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
@@ -94,7 +95,11 @@ def _state(console: Console) -> str:
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
-    parser = Parser(prog=prog, description="Morph one mesh into the shape of another.", allow_abbrev=False)
+    parser = Parser(
+        prog=prog,
+        description="Morph one mesh into the shape of another; push overlapping bodies apart.",
+        allow_abbrev=False,
+    )
     parser.add_argument("--version", action="version", version=f"FEMORS {version()}")
     parser.set_defaults(command=None)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
@@ -104,7 +109,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             help=command.help,
             usage=f"{prog} {command.name} {command.usage}",
             description=command.help,
-            epilog=EXIT_CODES,
+            epilog=command.exit_codes,
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
@@ -254,6 +259,14 @@ COMMANDS = (
         help="Write IN in the format that OUT's name says; in its own format it stays as it is.",
         options=cli_convert.options,
         run=cli_convert.run,
+    ),
+    Command(
+        name="overclosure",
+        usage="BODY... -o OUTDIR [options]",
+        help="Push bodies that overlap apart to a least gap, or only check them.",
+        options=cli_overclosure.options,
+        run=lambda args, console: cli_overclosure.run(args, console, version()),
+        exit_codes=cli_overclosure.EXIT_CODES,
     ),
 )
 """Every subcommand; a new one is a function for its options, one that runs it, and a line here."""

@@ -109,7 +109,7 @@ class DisplacementField:
         """Evaluate queries whose nearest centre is less than `limit` spreads away."""
         if limit == math.inf:
             return self._far(points, progress)
-        cells = _Cells.of(self.centres, self.spread * math.hypot(limit, CUT))
+        cells = Cells.of(self.centres, self.spread * math.hypot(limit, CUT))
         if limit == REACHES[0]:
             grid = _Grid.fitting(self.centres, points, self.spread)
             if grid is not None and grid.cost < len(points) * cells.typical:
@@ -140,7 +140,7 @@ class DisplacementField:
     def _tree(self) -> cKDTree:
         return cKDTree(self.centres)
 
-    def _by_cells(self, cells: _Cells, points: Float, nearest: Float, progress: Progress) -> Float:
+    def _by_cells(self, cells: Cells, points: Float, nearest: Float, progress: Progress) -> Float:
         """Evaluate over the centres in the 27 cells around each query."""
         out = np.empty_like(points)
         values = np.column_stack((self.displacements, np.ones(len(self.centres)))).astype(np.float32)
@@ -202,7 +202,7 @@ class DisplacementField:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Cells:
+class Cells:
     """Centres sorted into cubes of one cut-off length, so that 27 cubes hold all within reach."""
 
     size: float
@@ -212,7 +212,7 @@ class _Cells:
     order: Int  # (n,) centre indices in that order
 
     @classmethod
-    def of(cls, centres: Float, size: float) -> _Cells:
+    def of(cls, centres: Float, size: float) -> Cells:
         low = centres.min(axis=0)
         widest = WIDEST * size
         # never more cells than a 64-bit key can count
