@@ -17,7 +17,12 @@ import numpy as np
 from ..femors_addon.progress import FemorsError
 
 NEEDED = {"numpy": "NumPy", "scipy": "SciPy", "fast_simplification": "fast-simplification"}
-SHOWN = {"scipy": "SciPy", "fast-simplification": "fast-simplification", "meshio": "meshio"}
+SHOWN = {
+    "scipy": "SciPy",
+    "fast-simplification": "fast-simplification",
+    "manifold3d": "manifold3d",
+    "meshio": "meshio",
+}
 """Packages whose versions are shown, by their names in the index."""
 PACKAGED = (Path(__file__).parents[1] / "wheels").is_dir()
 """Whether this is an installed package, which brings what it needs, and not a checkout."""

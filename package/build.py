@@ -171,10 +171,7 @@ def validate(path: Path) -> None:
 
 def make(build: Build, lock: Sequence[Wheel], out: Path, root: Path = ROOT) -> Path:
     """Build one zip into a folder and return its path."""
-    # Blender 4.2.0 does not look at the Python of a wheel and takes the last of a name: that must be its 3.11
-    pythons = ["any", *reversed(build.pythons)]
     wheels = [wheel for wheel in lock if build.name in wheel.builds]
-    wheels.sort(key=lambda wheel: (wheel.name, pythons.index(wheel.python)))
     fetch(wheels, build)
     check_wheels(build, wheels)
     text = (root / MANIFEST).read_text()

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EXTENSIONS = Path(os.environ["BLENDER_USER_RESOURCES"]) / "extensions"
 HERE = EXTENSIONS / "user_default" / "femors"
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
-BROUGHT = ("scipy", "fast_simplification", "meshio", "rich", "markdown_it", "mdurl", "pygments")
+BROUGHT = ("scipy", "fast_simplification", "manifold3d", "meshio", "rich", "markdown_it", "mdurl", "pygments")
 LOCK = tomllib.loads((ROOT / "requirements" / "wheels.lock.toml").read_text())["wheel"]
 
 
