@@ -132,6 +132,15 @@ class Solid:
         """(k, 3) the surface's vertices at the current points."""
         return self.surface.vertices
 
+    def normals(self, rows: Int) -> Float:
+        """Return the unit normals (r, 3) of some vertices of the surface."""
+        chosen = np.zeros(len(self.corner), dtype=bool)
+        chosen[rows] = True
+        faces = self.faces[chosen[self.faces].any(axis=1)]
+        vertex, local = np.unique(faces, return_inverse=True)
+        part = Surface(self.vertices[vertex], local.reshape(-1, 3).astype(np.int32))
+        return np.asarray(part.vertex_normals[np.searchsorted(vertex, rows)])
+
     @property
     def begun_surface(self) -> Surface:
         """The cleaned, outward surface where it began."""

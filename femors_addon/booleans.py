@@ -42,6 +42,7 @@ def xor_volume(one: Surface, two: Surface) -> float | None:
 
 
 def _manifold(surface: Surface) -> Any:
+    """The library's own form of a surface, None where it is no solid."""
     if not available():
         return None
     import manifold3d

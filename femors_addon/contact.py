@@ -54,17 +54,16 @@ class Region:
 
     @classmethod
     def of(cls, surface: Surface, low: Float, high: Float) -> Region:
-        """Cut a region out of a surface."""
-        inside = ((surface.vertices >= low) & (surface.vertices <= high)).all(axis=1)
-        faces = surface.faces[inside[surface.faces].any(axis=1)]
-        large = surface.corners if surface.mean_edge > float((high - low).min()) else None
-        if large is not None:  # faces larger than the box may span it
-            reach = ((large.min(axis=1) <= high) & (large.max(axis=1) >= low)).all(axis=1)
-            faces = surface.faces[reach]
-        vertex, local = np.unique(faces, return_inverse=True)
-        return cls(
-            Surface(surface.vertices[vertex], local.reshape(-1, 3).astype(np.int32)), vertex.astype(np.int32)
-        )
+        """Cut out the faces whose own boxes reach into a box."""
+        faces = surface.faces
+        reaches = np.ones(len(faces), dtype=bool)
+        for axis in range(3):  # one axis after the other: most faces are out by the first
+            column = surface.vertices[:, axis]
+            below, above = column < low[axis], column > high[axis]
+            reaches &= ~below[faces].all(axis=1) & ~above[faces].all(axis=1)
+        vertex, local = np.unique(faces[reaches], return_inverse=True)
+        local = local.reshape(-1, 3).astype(np.int32)
+        return cls(Surface(surface.vertices[vertex], local), vertex.astype(np.int32))
 
     @classmethod
     def near(cls, surface: Surface, bound: Float, shift: Float) -> Region:
@@ -197,7 +196,7 @@ class Side:
         # farther than the region is wide, the side is not to be trusted; but such a node is not inside
         self.found.put(rows, dataclasses.replace(gaps, gaps=_outside(gaps.gaps, span)))
         self.bound[rows] = np.minimum(self.found.gaps[rows], span)
-        own = self.body.surface.vertex_normals[rows]
+        own = self.body.normals(rows)
         self.wrong[rows] = np.einsum("ij,ij->i", own, gaps.ways) > FACING
         self.on_edges = self._measured(edges)
 

@@ -115,9 +115,10 @@ def remove_overclosure(
     stop, after = "", before
     if any(not finding.clear for finding in before):
         stop, after = _removed(efforts, solids, asked, settings, history, part(progress, 0.1, 0.97), preview)
+    solved = time.process_time()
     result = result_of(solids, before, after, efforts, settings, tuple(history), stop)
     progress(1.0, "done")
-    return dataclasses.replace(result, seconds=time.process_time() - started)
+    return dataclasses.replace(result, seconds=time.process_time() - started, solve_seconds=solved - started)
 
 
 # --- input ------------------------------------------------------------------------------------------
@@ -154,6 +155,8 @@ def _efforts(
 
     Pairs that are clear now are kept in sight, for others may push them together.
     """
+    if settings.method != "grnn":
+        settings = dataclasses.replace(settings, continuation=False)
     stride = np.inf
     if len(solids) > 2:
         stride = STRIDE * min(thickness(solid.surface) for solid in solids)

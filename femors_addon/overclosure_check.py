@@ -239,7 +239,7 @@ def same_surface(one: Solid, two: Solid) -> bool:
 def _signed(
     surface: Surface, other: Solid, reach: float, indices: Indices
 ) -> tuple[NDArray[np.int64], Float, NDArray[np.bool_]]:
-    """Signed distances of the vertices within `reach` of the other's box, and which leave it by the wrong side.
+    """Signed distances of the vertices within `reach` of the other's box, and who leaves by the wrong side.
 
     Returns (rows (k,), distances (k,), wrong (k,)).
     """

@@ -60,7 +60,7 @@ def nodal(
         progress(number / settings.iterations, f"nodal, iteration {number + 1}, depth {missing:.3g}")
         if preview is not None:
             preview({solid.name: solid.nodes for solid in solids})
-        if missing <= 0:
+        if missing <= STOP:
             return ""
     return f"iteration limit ({settings.iterations}) reached"
 

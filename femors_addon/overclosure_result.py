@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .effort import Effort
 
 SAMPLE = 100  # nodes of a body at which its thickness is measured
+UNLIKE = 200.0  # times the size of another body: more looks like another unit of length
 RAY = 2.5  # mean thicknesses: how far the other side is looked for
 METHODS = {"grnn": "smooth field", "nodal": "nodal method", "published": "loop as published"}
 
@@ -147,7 +148,9 @@ class OverclosureResult:
     notes : tuple of str
         What was mended for the maths, and what else the user should know.
     seconds : float
-        CPU time.
+        CPU time, figures included.
+    solve_seconds : float
+        CPU time from the input to the certificate.
     """
 
     bodies: tuple[BodyResult, ...]
@@ -160,6 +163,7 @@ class OverclosureResult:
     spread: float
     notes: tuple[str, ...]
     seconds: float = 0.0
+    solve_seconds: float = 0.0
 
     @property
     def untouched(self) -> bool:
@@ -193,6 +197,7 @@ class OverclosureResult:
             "spread": self.spread,
             "warnings": list(self.notes),
             "cpu_seconds": round(self.seconds, 3),
+            "solve_cpu_seconds": round(self.solve_seconds, 3),
         }
 
     def summary(self) -> str:
@@ -206,7 +211,7 @@ class OverclosureResult:
             [
                 *lines,
                 f"{self.certificate} ({method}, {len(self.history)} iterations, "
-                f"{self.seconds:.1f} s of CPU time)",
+                f"{self.solve_seconds:.1f} s of CPU time, {self.seconds:.1f} s with all figures)",
             ]
         )
 
@@ -389,6 +394,7 @@ def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding],
 
 
 def _notes(solids: Sequence[Solid], bodies: Sequence[BodyResult], before: Sequence[Finding]) -> list[str]:
+    """Return what the user should know of the bodies, in words."""
     notes = [note for solid in solids for note in solid.notes]
     for solid in solids:
         if solid.open_edges:
@@ -400,9 +406,37 @@ def _notes(solids: Sequence[Solid], bodies: Sequence[BodyResult], before: Sequen
             notes.append(
                 f"{solid.name}: {len(solid.inverted_input)} elements were inverted before; left alone"
             )
+        crossed = _crossed(solid, solids, before)
+        if crossed:
+            notes.append(
+                f"{solid.name}: {crossed} faces near the overclosure crossed others of the same body before; "
+                "which side is inside is uncertain there"
+            )
     notes += [
-        f"{body.name}: {body.folded} faces cross others of the same body" for body in bodies if body.folded
+        f"{body.name}: {body.folded} faces cross others of the same body since"
+        for body in bodies
+        if body.folded
     ]
+    sizes = sorted((solid.begun_surface.diagonal, solid.name) for solid in solids)
+    if sizes[0][0] * UNLIKE < sizes[-1][0]:
+        notes.append(
+            f"'{sizes[-1][1]}' is {sizes[-1][0] / sizes[0][0]:.0f} times as large as '{sizes[0][1]}': "
+            "are all bodies in one unit of length?"
+        )
     if not booleans.available() and before:
         notes.append(booleans.MISSING)
     return notes
+
+
+def _crossed(solid: Solid, solids: Sequence[Solid], before: Sequence[Finding]) -> int:
+    """Return how many faces of a body cross others of it where its box meets that of one it overlaps."""
+    crossed = 0
+    surface = solid.begun_surface
+    for finding in before:
+        if solid.name in finding.names and not finding.clear:
+            other = next(s for s in solids if s.name in finding.names and s is not solid).begun_surface
+            low = np.maximum(surface.bounds[0], other.bounds[0])
+            high = np.minimum(surface.bounds[1], other.bounds[1])
+            near = Region.of(surface, low, high).surface
+            crossed = max(crossed, len(np.unique(crossings(near, near))))
+    return crossed

@@ -46,7 +46,7 @@ class OverclosureSettings:
         advanced=True,
     )
     spread_end: float = setting(
-        1.25,
+        1.15,
         "Last spread",
         "Last spread of the field, in mean edges of the finer body",
         minimum=0.75,

@@ -43,19 +43,23 @@ def way_apart(pair: Pair) -> Float | None:
     reach = 2.0 * max(plate)
     near = [surface.vertices[_within(surface, points, reach)] for surface in (one, two)]
     size = 1.5 * max(one.mean_edge, two.mean_edge)
-    best = min((_apart(near[0], near[1], way, size), tuple(way)) for way in _candidates(points, near))
+    best = min((_apart(near[0], near[1], way, size), tuple(way)) for way in _candidates(points, one, two))
     distance, way = best[0], np.array(best[1])
     if not THICK * max(plate) < distance < FAR * min(plate):
         return None
     return distance * way
 
 
-def _candidates(points: Float, near: list[Float]) -> Float:
-    """Directions to try: across the plane of the crossing, and from body to body."""
+def _candidates(points: Float, one: Surface, two: Surface) -> Float:
+    """Directions to try: across the plane of the crossing, from body to body, and between these.
+
+    All lead away from the other body as a whole: near contact, where they have passed through each
+    other, nothing tells any more which was in front.
+    """
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
-    between = unit((near[0].mean(axis=0) - near[1].mean(axis=0))[None])[0]
+    between = unit((one.vertices.mean(axis=0) - two.vertices.mean(axis=0))[None])[0]
     along = axes[2] if axes[2] @ between >= 0 else -axes[2]
-    return unit(np.array([along, -along, between, 2.0 * along + between]))
+    return unit(np.array([along, between, 2.0 * along + between]))
 
 
 def _within(surface: Surface, points: Float, reach: float) -> np.ndarray:
