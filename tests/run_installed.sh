@@ -9,22 +9,24 @@
 # Without any: those of $FEMORS_BLENDERS, else trixie, sid, and the wheels of 4.2 LTS, 4.5 LTS and 5.0.
 # The last line says what ran, what it gave, and what was skipped.
 #   FEMORS_NEED_BLENDER=1   a Blender that is not there is a failure (CI)
+#   FEMORS_JOBS=2           that many Blenders at a time (CI); what they say is shown one after the other
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1
 # shellcheck disable=SC2206  # one word per Blender
 [ $# -gt 0 ] || set -- ${FEMORS_BLENDERS:-trixie sid 4.2.23 4.5.15 5.0.1}
 fetched=${FEMORS_BLENDER_DIR:-$HOME/.cache/femors/blender}
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+top=$(mktemp -d)
+trap 'rm -rf "$top"' EXIT
+jobs=${FEMORS_JOBS:-1}
 limit=""
 command -v timeout >/dev/null && limit="timeout --foreground -k 10" # a hang must not last for ever
-verdict="" failed=0
 export FEMORS_INSTALLED=1
 unset PYTHONPATH
 
+tell() { echo -n "$1; " >>"$work/verdict"; }
 bad() {
-  failed=1
-  verdict+="$blender: FAILED, $1; "
+  touch "$top/failed"
+  tell "$blender: FAILED, $1"
   echo "FAILED: $blender: $1"
 }
 
@@ -66,14 +68,15 @@ spoil() {
   esac
 }
 
+# round: everything in one Blender
 round() {
   local start=$SECONDS result code
   export BLENDER_USER_RESOURCES=$work/user
   rm -rf "$BLENDER_USER_RESOURCES"
   mkdir "$BLENDER_USER_RESOURCES"
   if [ -n "$binary" ]; then # as `blender --command` does it
-    $binary --command extension validate "$zip" </dev/null || { bad "the zip is not valid"; return; }
-    $binary --command extension install-file -r user_default -e "$zip" </dev/null || { bad "it was not installed"; return; }
+    "$binary" --command extension validate "$zip" </dev/null || { bad "the zip is not valid"; return; }
+    "$binary" --command extension install-file -r user_default -e "$zip" </dev/null || { bad "it was not installed"; return; }
   else
     step install "$zip" || return
   fi
@@ -86,30 +89,50 @@ round() {
   { spoil missing && step broken; } || return
   step uninstall || return
   step gone "$work/saved.blend" || return
-  verdict+="$blender: ${result:-no result} of $((SECONDS - start)) s with installing and removing; "
+  tell "$blender: ${result:-no result} of $((SECONDS - start)) s with installing and removing"
 }
 
 root=$PWD
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' blender_manifest.toml)
-for blender; do
-  printf '\n##### installed in %s\n' "$blender"
+
+# prepare: what the Blender of this round needs, all of it kept for other runs; sets what `round` uses
+prepare() {
   binary="" python="" end=linux-x64
   case $blender in
-    [0-9]*) python=$(tests/prepare_bpy.sh "$blender" "$(numpy_of "$blender")") || { bad "its wheel could not be installed"; continue; } ;;
+    [0-9]*) python=$(tests/prepare_bpy.sh "$blender" "$(numpy_of "$blender")") || { bad "its wheel could not be installed"; return 1; } ;;
     */*) binary=$blender ;;
     *) binary=$fetched/blender-$blender ;;
   esac
   if [ -n "$binary" ] && [ ! -x "$binary" ]; then
     if [ -n "${FEMORS_NEED_BLENDER:-}" ]; then bad "there is no $binary"; else
-      verdict+="SKIPPED: $blender, there is no $binary ('make blender' fetches Debian's); "
+      tell "SKIPPED: $blender, there is no $binary ('make blender' fetches Debian's)"
     fi
-    continue
+    return 1
   fi
-  site=$(tests/prepare_blender.sh --bare "${binary:-$python}") || { bad "the test tools could not be installed for it"; continue; }
+  site=$(tests/prepare_blender.sh --bare "${binary:-$python}") || { bad "the test tools could not be installed for it"; return 1; }
   [[ $site != */bare-3.14-* ]] || end=linux-x64-debian-test
   zip=$root/dist/femors-$version-$end.zip
-  [ -f "$zip" ] || { bad "there is no $zip ('make package' builds it)"; continue; }
-  round
+  [ -f "$zip" ] || { bad "there is no $zip ('make package' builds it)"; return 1; }
+}
+
+number=0
+for blender; do
+  number=$((number + 1))
+  work=$top/$number
+  mkdir "$work"
+  if ! prepare; then :; elif [ "$jobs" -le 1 ]; then
+    printf '\n##### installed in %s\n' "$blender"
+    round
+  else
+    while [ "$(jobs -rp | wc -l)" -ge "$jobs" ]; do wait -n; done
+    echo "installing into $blender, and testing there"
+    (printf '\n##### installed in %s\n' "$blender"; round) >"$work/log" 2>&1 </dev/null &
+  fi
 done
-printf '\nmake test-package: %s\n' "$verdict"
-exit $failed
+wait
+for folder in "$top"/*/; do # a round that ends without a word has not passed
+  [ -s "$folder/verdict" ] || { touch "$top/failed"; echo "FAILED: a round ended without a word" | tee "$folder/verdict"; }
+done
+cat "$top"/*/log 2>/dev/null
+printf '\nmake test-package: %s\n' "$(cat "$top"/*/verdict 2>/dev/null)"
+[ ! -e "$top/failed" ]
