@@ -32,7 +32,7 @@ package: setup ## one zip for each platform into dist/, with all it needs: what 
 	@$(VENV)/bin/python -m package.build
 	@TZ=Asia/Tokyo PYTHONHASHSEED=1 $(VENV)/bin/python -m package.build --check
 
-test-package: setup ## install the Linux zip into real Blenders and bpy wheels, test it there, uninstall it
+test-package: package ## install the Linux zip into real Blenders and bpy wheels, test it there, uninstall it
 	@tests/run_installed.sh
 
 lock: setup ## fetch the wheels that package/targets.py names; write requirements/wheels.lock.toml
@@ -48,6 +48,7 @@ format: setup ## let ruff rewrite the layout of the code
 bench: setup ## figures on real bones, which need ../shared/data
 	@[ -d "$(DATA)" ] || { echo "make bench: there is no folder $(DATA) with the bones (FEMORS_DATA=... names another)"; exit 1; }
 	@$(VENV)/bin/python tests/bench/bench_morph.py
+	@$(VENV)/bin/python tests/bench/bench_overclosure.py
 
 blender: ## fetch real Blender binaries (Debian's trixie and sid) for the tests
 	@[ -x "$(FETCH)" ] || { echo "make blender: there is no $(FETCH); install Blender yourself and set BLENDER=/path/to/blender"; exit 1; }
