@@ -145,13 +145,20 @@ def check_zip(path: Path, wheels: Sequence[Wheel]) -> None:
                 raise PackageError(f"{path.name}: {wheel.file} is not what the lock says")
 
 
+def blender_scripts() -> Path | None:
+    """Return the folder of Blender's own scripts in the bpy wheel, or nothing where there is no wheel."""
+    wheel = importlib.util.find_spec("bpy")
+    if wheel is None or not wheel.has_location:  # within a Blender binary it is no file
+        return None
+    return next(Path(str(wheel.origin)).parent.glob("*/scripts"), None)
+
+
 def validate(path: Path) -> None:
-    """Raise where Blender would not take the zip; nothing is said where there is no bpy wheel.
+    """Raise where Blender would not take the zip; where there is no bpy wheel, say so.
 
     The script is what ``blender --command extension validate`` runs, with Blender's list of tags.
     """
-    wheel = importlib.util.find_spec("bpy")
-    scripts = next(Path(str(wheel.origin)).parent.glob("*/scripts"), None) if wheel else None
+    scripts = blender_scripts()
     if scripts is None:
         print(f"{path.name}: not validated, for there is no bpy wheel", file=sys.stderr)
         return
