@@ -7,9 +7,7 @@ import argparse
 import datetime
 import json
 import sys
-import tomllib
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +23,7 @@ from .meshfiles import MeshFile
 from .morph import MorphResult, morph
 from .morph_settings import PRESETS, MorphSettings
 from .progress import FemorsError
+from .version import version
 from .volume_morph import VolumeMorphResult
 
 DONE, IMPERFECT, REFUSED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 130
@@ -123,15 +122,6 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         )
         sub.set_defaults(command=command, parser=sub)
     return parser
-
-
-def version() -> str:
-    """Return the version, which stands in the extension's manifest and nowhere else."""
-    manifest = Path(__file__).parent.parent / "blender_manifest.toml"
-    try:
-        return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
-    except OSError:
-        return "unknown (blender_manifest.toml is missing)"
 
 
 # --- morph ----------------------------------------------------------------------------------------

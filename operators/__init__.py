@@ -10,7 +10,7 @@ from . import command, decks, dependencies, job, landmarks, morph, overclosure, 
 
 def register() -> None:
     """Register properties, operators and the command line."""
-    dependencies.missing.cache_clear()
+    dependencies.forget()
     props.register()
     job.register()
     for cls in morph.classes:
