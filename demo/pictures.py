@@ -18,19 +18,24 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+# isort: off
+import bpy  # first: it brings the next ones
 import bmesh
-import bpy
-import numpy as np
 from mathutils import Matrix, Vector
 
+# isort: on
+import numpy as np
+
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE))
 
-import picture
-from run import silenced
+import picture  # noqa: E402
+from run import silenced  # noqa: E402
+from smallpng import shrink  # noqa: E402
 
-from femors_addon import deckfiles, landmarkfiles
-from femors_addon.deck import Deck
+from femors_addon import deckfiles, landmarkfiles  # noqa: E402
+from femors_addon.deck import Deck  # noqa: E402
 
 BONE, SOFT, OTHER = (0.86, 0.78, 0.64, 1.0), (0.13, 0.45, 0.55, 1.0), (0.80, 0.42, 0.12, 1.0)
 RED = (0.75, 0.09, 0.06, 1.0)
@@ -67,7 +72,7 @@ def polygons(path: Path) -> list[tuple[np.ndarray, list[tuple[int, ...]]]]:
 class Stage:
     """A scene that is lit and seen from one side, without perspective."""
 
-    def __init__(self, name: str, width: float, height: float, look: Matrix, pixels: int = 1200) -> None:
+    def __init__(self, name: str, width: float, height: float, look: Matrix, pixels: int = 1100) -> None:
         bpy.ops.wm.read_homefile(use_empty=True)
         self.scene = bpy.data.scenes.new(name)
         self.look, self.pixels, self.shape = look.to_3x3().to_4x4(), pixels, (width, height)
@@ -80,6 +85,7 @@ class Stage:
         self.camera.matrix_world = self.look @ Matrix.Translation((width / 2, height / 2, 1500))
         for item in self.scene.collection.objects:
             if item.type == "LIGHT":  # those of the demonstration look along -y
+                item.data.energy *= 1.6
                 item.matrix_world = self.look @ picture.FACING.inverted() @ item.matrix_world
         self.scene.render.resolution_x = pixels
         self.scene.render.resolution_y = 2 * round(pixels * height / width / 2)
@@ -136,10 +142,11 @@ class Stage:
         item.matrix_world = self.look @ Matrix.Translation((x, y, 600))
         self.scene.collection.objects.link(item)
 
-    def render(self, path: Path, samples: int = 24) -> None:
+    def render(self, path: Path, samples: int = 16) -> None:
         """Write the PNG."""
         with silenced():
             picture.render(self.scene, path, samples, picture.WIDTH)
+            shrink(path)
         print(f"{path}  ({path.stat().st_size / 1024:.0f} kB)", flush=True)
 
 
@@ -160,28 +167,14 @@ def material(colour: Any, glow: bool = False) -> Any:
 
 FRONT = picture.FACING
 """Looks along -y: what is in front is seen from the front."""
-SIDE = Matrix.Rotation(np.pi / 2, 4, "Z") @ Matrix.Rotation(np.pi / 2, 4, "X")
-"""Looks along -x: y to the right, z up."""
-
-
-def upright(path: Path, like: Path) -> Matrix:
-    """Return the rigid motion that lays a file's vertices onto those of another, for the eye."""
-    a, b = (np.unique(deckfiles.read(p).surface().vertices, axis=0) for p in (path, like))
-    if len(a) == len(b):
-        a, b = (deckfiles.read(p).surface().vertices for p in (path, like))
-    u, _, vt = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)))
-    turn = vt.T @ np.diag([1, 1, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = turn, b.mean(0) - turn @ a.mean(0)
-    return Matrix(out.tolist())
 
 
 def bone(folder: Path, out: Path) -> None:
     """Two bones as they come, and the first in the other's shape, in the other's place."""
-    stage = Stage("bone", 660.0, 520.0, FRONT)
-    stage.show(folder / "femur.stl", stage.at(110, 40), BONE, 0.6)
-    stage.show(folder / "scan.stl", stage.at(395, 190), OTHER, 0.6)
-    stage.show(folder / "femur_as_scan.stl", stage.at(615, 190), BONE, 0.6)
+    stage = Stage("bone", 660.0, 510.0, FRONT, 1000)
+    stage.show(folder / "femur.stl", stage.at(110, 40), BONE, 0.45)
+    stage.show(folder / "scan.stl", stage.at(395, 175), OTHER, 0.45)
+    stage.show(folder / "femur_as_scan.stl", stage.at(615, 175), BONE, 0.45)
     for x, title, line in (
         (110, "femur.stl", "source: 3018 nodes"),
         (320, "scan.stl", "target: 3424 nodes, in its own pose"),
@@ -203,8 +196,10 @@ def cartilage(folder: Path, out: Path) -> None:
         (250, "cartilage_as_scan.inp", home, SOFT, "cartilage_as_scan.inp", "the same nodes and elements"),
     ):
         tilt = Matrix.Rotation(np.radians(20), 4, "X") @ Matrix.Rotation(np.radians(-25), 4, "Z")
-        centre = Matrix.Translation((0, 0, -25))
-        stage.show(folder / name, stage.at(x, 46, tilt @ centre @ (where or Matrix())), colour, 0.22, False)
+        motion = where or Matrix()
+        points = np.concatenate([found for found, _ in polygons(folder / name)])
+        centre = Matrix.Translation(-(motion @ Vector(points.mean(axis=0))))
+        stage.show(folder / name, stage.at(x, 40, tilt @ centre @ motion), colour, 0.22, False)
         stage.words(title, x, 98, 6.4)
         stage.words(line, x, 90.5, 4.4, faint=True)
     stage.render(out / "tutorial_deck.png")
@@ -241,25 +236,25 @@ def sites(folder: Path, out: Path) -> None:
 
 def knee(folder: Path, out: Path) -> None:
     """The knee from the front, and cut through its inner half before and after."""
-    stage = Stage("knee", 330.0, 205.0, FRONT)
+    stage = Stage("knee", 330.0, 226.0, FRONT)
     turn = Matrix.Rotation(np.radians(-30), 4, "Z")
     for name in KNEE:
         soft = "cartilage" in name
         colour = OTHER if "tibia.inp" in name else SOFT if soft else BONE
-        stage.show(folder / name, stage.at(60, 95, turn), colour, 0.18 if soft else 0.0, not soft)
-    stage.words("five files, seven bodies", 60, 2, 6, faint=True)
-    stage.words("the knee", 60, 193, 8)
+        stage.show(folder / name, stage.at(60, 100, turn), colour, 0.18 if soft else 0.0, not soft)
+    stage.words("five files, six bodies", 60, 2, 6, faint=True)
+    stage.words("the knee", 60, 213, 8)
     for x, where, title in ((165, folder, "before"), (275, folder / "free", "after")):
         for name in KNEE:
             for points, faces in polygons(where / name):
                 cut(stage, points, faces, x, name)
-        stage.words(title, x, 193, 8)
+        stage.words(title, x, 213, 8)
         line = "0.89 mm into each other" if title == "before" else "at least 0.01 mm apart"
         stage.words(line, x, 2, 6, faint=True)
     stage.render(out / "tutorial_knee.png")
 
 
-def cut(stage: Stage, points: Any, faces: Any, x: float, name: str, zoom: float = 2.3) -> None:
+def cut(stage: Stage, points: Any, faces: Any, x: float, name: str, zoom: float = 3.3) -> None:
     """Draw where a plane through the inner half of the joint cuts a body, seen from the side."""
     drawn = bmesh.new()
     corners = [drawn.verts.new(point) for point in points]
@@ -276,10 +271,10 @@ def cut(stage: Stage, points: Any, faces: Any, x: float, name: str, zoom: float 
     colour = OTHER if "tibia.inp" in name else SOFT if soft else (0.35, 0.30, 0.22, 1.0)
     curve = bpy.data.curves.new("Cut", "CURVE")
     curve.dimensions, curve.bevel_depth = "3D", 0.45 if soft else 0.3
-    middle = np.array((17.0, 0.0))
+    middle = np.array((15.0, -3.0))
     for segment in segments:
         ends = (np.array(segment) - middle) * zoom
-        if np.abs(ends[:, 0]).max() > 51 or np.abs(ends[:, 1]).max() > 80:
+        if np.abs(ends[:, 0]).max() > 51 or np.abs(ends[:, 1]).max() > 90:
             continue
         spline = curve.splines.new("POLY")
         spline.points.add(1)
@@ -287,7 +282,7 @@ def cut(stage: Stage, points: Any, faces: Any, x: float, name: str, zoom: float 
             at.co = (*end, 0, 1)
     curve.materials.append(material(colour, glow=True))
     item = bpy.data.objects.new("Cut", curve)
-    item.matrix_world = stage.look @ Matrix.Translation((x, 100, 300))
+    item.matrix_world = stage.look @ Matrix.Translation((x, 108, 300))
     stage.scene.collection.objects.link(item)
 
 
