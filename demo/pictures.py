@@ -244,17 +244,19 @@ def knee(folder: Path, out: Path) -> None:
         stage.show(folder / name, stage.at(60, 100, turn), colour, 0.18 if soft else 0.0, not soft)
     stage.words("five files, six bodies", 60, 2, 6, faint=True)
     stage.words("the knee", 60, 213, 8)
-    for x, where, title in ((165, folder, "before"), (275, folder / "free", "after")):
+    stage.words("cut through the inner half, from the side", 232, 213, 8)
+    for y, where, line in (
+        (158, folder, "before: 0.89 mm into each other"),
+        (62, folder / "free", "after: 0.01 mm apart"),
+    ):
         for name in KNEE:
             for points, faces in polygons(where / name):
-                cut(stage, points, faces, x, name)
-        stage.words(title, x, 213, 8)
-        line = "0.89 mm into each other" if title == "before" else "at least 0.01 mm apart"
-        stage.words(line, x, 2, 6, faint=True)
+                cut(stage, points, faces, (232, y), name)
+        stage.words(line, 232, y - 46, 6, faint=True)
     stage.render(out / "tutorial_knee.png")
 
 
-def cut(stage: Stage, points: Any, faces: Any, x: float, name: str, zoom: float = 3.3) -> None:
+def cut(stage: Stage, points: Any, faces: Any, at: tuple[float, float], name: str, zoom: float = 5.2) -> None:
     """Draw where a plane through the inner half of the joint cuts a body, seen from the side."""
     drawn = bmesh.new()
     corners = [drawn.verts.new(point) for point in points]
@@ -271,18 +273,18 @@ def cut(stage: Stage, points: Any, faces: Any, x: float, name: str, zoom: float 
     colour = OTHER if "tibia.inp" in name else SOFT if soft else (0.35, 0.30, 0.22, 1.0)
     curve = bpy.data.curves.new("Cut", "CURVE")
     curve.dimensions, curve.bevel_depth = "3D", 0.45 if soft else 0.3
-    middle = np.array((15.0, -3.0))
+    middle = np.array((13.0, -2.5))
     for segment in segments:
         ends = (np.array(segment) - middle) * zoom
-        if np.abs(ends[:, 0]).max() > 51 or np.abs(ends[:, 1]).max() > 90:
+        if np.abs(ends[:, 0]).max() > 96 or np.abs(ends[:, 1]).max() > 42:
             continue
         spline = curve.splines.new("POLY")
         spline.points.add(1)
-        for at, end in zip(spline.points, ends, strict=True):
-            at.co = (*end, 0, 1)
+        for corner, end in zip(spline.points, ends, strict=True):
+            corner.co = (*end, 0, 1)
     curve.materials.append(material(colour, glow=True))
     item = bpy.data.objects.new("Cut", curve)
-    item.matrix_world = stage.look @ Matrix.Translation((x, 108, 300))
+    item.matrix_world = stage.look @ Matrix.Translation((*at, 300))
     stage.scene.collection.objects.link(item)
 
 

@@ -31,7 +31,7 @@ def encoded(pixels: np.ndarray) -> bytes:
     """Return the bytes of a PNG of pixels (h, w, 3) uint8 with a palette."""
     high, wide, _ = pixels.shape
     flat = pixels.reshape(-1, 3)
-    coarse, index, count = np.unique(flat >> 3, axis=0, return_inverse=True, return_counts=True)
+    _, index, count = np.unique(flat >> 3, axis=0, return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(index.ravel(), flat[:, k]) for k in range(3)], axis=1) / count[:, None]
     palette = np.round(mean[np.argsort(-count)[:256]]).astype(np.uint8)
     found = cKDTree(palette).query(mean)[1].astype(np.uint8)
