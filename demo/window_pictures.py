@@ -21,10 +21,11 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-SIZE = (1280, 800)
+SIZE = (900, 680)
 Steps = Iterator[None]
-REGION = (620, 0, 660, 800)
-"""What is kept of a screenshot: left, top, width, height; the sidebar and some of the view."""
+PANELS: list[Any] = []
+STANDING: list[Any] = []
+"""The extension's own panels, and those that stand in for them."""
 
 
 # --- outside: start Xvfb and Blender ------------------------------------------------------------------
@@ -37,9 +38,10 @@ def main() -> int:
     parser.add_argument("--blender", default="blender")
     options = parser.parse_args()
     sys.path.insert(0, str(HERE.parent / "tests" / "window"))
-    from run_window import start_display
+    import run_window
 
-    server, display = start_display()
+    run_window.SIZE = SIZE
+    server, display = run_window.start_display()
     with tempfile.TemporaryDirectory() as resources:
         environment = os.environ | {
             "DISPLAY": display,
@@ -84,8 +86,7 @@ def shot(bpy: Any, name: str) -> Steps:
         bpy.ops.view3d.view_all()
     yield from pause(1.5)
     path = Path(os.environ["FEMORS_WINDOW_OUT"]) / f"window_{name}.png"
-    area = ",".join(map(str, REGION))
-    subprocess.run(["scrot", "--overwrite", "--autoselect", area, str(path)], check=True)
+    subprocess.run(["scrot", "--overwrite", str(path)], check=True)
     sys.path.insert(0, str(HERE))
     from smallpng import shrink
 
@@ -134,13 +135,18 @@ def story(bpy: Any) -> Steps:
     checkout = Checkout()
     yield from pause(1.0)
     checkout.enable()
-    context = view(bpy)
-    context["area"].spaces.active.show_region_ui = True
+    with bpy.context.temp_override(**view(bpy)):
+        bpy.ops.screen.screen_full_area()
+    yield from pause(1.0)
+    space = view(bpy)["area"].spaces.active
+    space.show_region_ui, space.show_region_toolbar, space.show_gizmo = True, False, False
     yield from pause(0.5)
-    context["region"].active_panel_category = "FEMORS"
+    view(bpy)["region"].active_panel_category = "FEMORS"
     yield from pause(0.5)
+    take_panels(bpy)
     yield from bones(bpy)
     yield from knee(bpy)
+    give_back(bpy)
     checkout.disable()
 
 
@@ -151,6 +157,7 @@ def bones(bpy: Any) -> Steps:
     load(bpy, "scan.stl", (0.8, 0.45, 0.15, 1.0))
     only(bpy, "scan", "femur")
     call(bpy, bpy.ops.femors.pick_selection)
+    unfolded(bpy, "FEMORS_PT_morph")
     yield from shot(bpy, "morph")
     call(bpy, bpy.ops.femors.morph, source="femur", target="scan", hide_target=True)
     yield from shot(bpy, "figures")
@@ -162,7 +169,7 @@ def bones(bpy: Any) -> Steps:
     names = [item.name for item in bpy.data.objects if item.type == "EMPTY"]
     sites = ["gluteus", "iliopsoas"]
     call(bpy, bpy.ops.femors.transfer, what="OBJECTS", objects=";".join([*names, *sites]))
-    folded(bpy, "morph")
+    unfolded(bpy, "FEMORS_PT_transfer")
     yield from shot(bpy, "transfer")
 
 
@@ -182,24 +189,49 @@ def knee(bpy: Any) -> Steps:
     only(bpy, *names)
     call(bpy, bpy.ops.femors.take_bodies)
     call(bpy, bpy.ops.femors.check_overclosure)
-    folded(bpy, "overclosure")
+    unfolded(bpy, "FEMORS_PT_overclosure")
     yield from shot(bpy, "overclosure")
 
 
-def folded(bpy: Any, shown: str) -> None:
-    """Fold all panels but those of one subject, by registering them anew.
+def unfolded(bpy: Any, shown: str) -> None:
+    """Open one panel of the tab with what is below it, and fold the others.
 
-    A panel cannot be opened by a script: it is taken out and put back with another default.
+    A panel cannot be opened by a script, and Blender remembers how it was: others of new names, open or
+    folded by default, stand in for the pictures.
     """
-    top = {"morph": "FEMORS_PT_transfer", "overclosure": "FEMORS_PT_overclosure"}[shown]
-    panels = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("FEMORS_PT_")]
-    panels.sort(key=lambda cls: bool(getattr(cls, "bl_parent_id", "")))
-    for cls in reversed(panels):
+    for cls in reversed(STANDING):
         bpy.utils.unregister_class(cls)
-    for cls in panels:
-        mine = top in (cls.bl_idname, getattr(cls, "bl_parent_id", ""))
+    STANDING.clear()
+    for cls in PANELS:
+        parent = getattr(cls, "bl_parent_id", "")
+        mine = shown in (cls.bl_idname, parent)
+        if parent and not mine:
+            continue
         closed = not mine or "advanced" in cls.bl_idname
-        cls.bl_options = {"DEFAULT_CLOSED"} if closed else set()
+        changed = {
+            "bl_idname": f"{cls.bl_idname}_{shown[10:]}",
+            "bl_options": {"DEFAULT_CLOSED"} if closed else set(),
+        }
+        if parent:
+            changed["bl_parent_id"] = f"{parent}_{shown[10:]}"
+        stand = type(changed["bl_idname"], (cls,), changed)
+        bpy.utils.register_class(stand)
+        STANDING.append(stand)
+
+
+def take_panels(bpy: Any) -> None:
+    """Take the extension's own panels out, and remember them."""
+    PANELS[:] = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("FEMORS_PT_")]
+    PANELS.sort(key=lambda cls: (bool(getattr(cls, "bl_parent_id", "")), getattr(cls, "bl_order", 0)))
+    for cls in reversed(PANELS):
+        bpy.utils.unregister_class(cls)
+
+
+def give_back(bpy: Any) -> None:
+    """Put them back: the extension takes them out itself."""
+    for cls in reversed(STANDING):
+        bpy.utils.unregister_class(cls)
+    for cls in PANELS:
         bpy.utils.register_class(cls)
 
 
