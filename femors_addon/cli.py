@@ -173,7 +173,7 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     aim = cli_convert.placed(home @ stand, cli_convert.surface_of(target, args.target_part, "--target-part"))
     ours, theirs = (None if points is None else transformed(home, points) for points in pairs)
     cli_convert.check_outputs(source, part, args.out, others)
-    keywords = {"source_landmarks": ours, "target_landmarks": theirs}
+    keywords: dict[str, Any] = {"source_landmarks": ours, "target_landmarks": theirs}
     thing: Deck | MeshFile
     result: MorphResult | VolumeMorphResult
     try:

@@ -14,9 +14,9 @@ from .deck import ALL, Deck, Part
 from .mesh import Float, Surface
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
-from .progress import FemorsError, Progress, silent
+from .progress import FemorsError, Preview, Progress, silent
 from .volume import carry_mid_nodes
-from .volume_morph import VolumeMorphResult, morph_volume
+from .volume_morph import VolumeMorphResult, at_nodes, morph_volume
 from .volume_quality import scaled_jacobians
 
 
@@ -31,6 +31,7 @@ def morph_part(
     source_landmarks: ArrayLike | None = None,
     target_landmarks: ArrayLike | None = None,
     morph: Any = None,
+    preview: Preview | None = None,
 ) -> tuple[Deck, MorphResult | VolumeMorphResult]:
     """Morph a part of a deck onto a surface.
 
@@ -46,6 +47,8 @@ def morph_part(
         Of the deck's nodes, from 0 to 1: how far each may follow.
     morph : callable, optional
         What morphs surfaces, in place of `morph.morph`.
+    preview : Preview, optional
+        Given all of the deck's coordinates (n, 3).
 
     Returns
     -------
@@ -61,9 +64,11 @@ def morph_part(
     """
     mesh, nodes = deck.submesh(part)
     settings = settings or MorphSettings()
-    options = {"source_landmarks": source_landmarks, "target_landmarks": target_landmarks}
+    options: dict[str, Any] = {"source_landmarks": source_landmarks, "target_landmarks": target_landmarks}
     share = None if weights is None else np.asarray(weights, dtype=float).ravel()[nodes]
     coordinates = np.array(deck.coordinates)
+    if preview is not None:
+        options["preview"] = at_nodes(preview, deck.coordinates, nodes)
     result: MorphResult | VolumeMorphResult
     if mesh.solid:
         result = morph_volume(mesh, target, settings, progress, weights=share, **options)
@@ -72,6 +77,8 @@ def morph_part(
         surface, on_faces = mesh.surface()
         if share is not None:
             options["weights"] = share[on_faces]
+        if preview is not None:
+            options["preview"] = at_nodes(options["preview"], mesh.nodes, on_faces)
         result = (morph or surfaces.morph)(surface, target, settings, progress, **options)
         aligned = transformed(result.transform, mesh.nodes)
         moved = aligned.copy()

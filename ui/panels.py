@@ -12,7 +12,7 @@ from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.settings import specs
 from ..operators import dependencies
 from ..operators.form import changed_from_preset
-from ..operators.job import Job, JobOperator
+from ..operators.job import Job, JobOperator, time_left
 from ..operators.morph import chosen
 from .figures import draw_figures, draw_sentence, parsed
 
@@ -151,13 +151,13 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     seconds = int(time.monotonic() - job.started)
     box.progress(factor=job.fraction, text=f"{job.title}  {job.fraction:.0%}  ({seconds} s)")
     words = job.text.split(", ")
-    lines = box.column(align=True)  # always two, or the button below would move under the mouse
+    lines = box.column(align=True)  # always three, or the button below would move under the mouse
     lines.label(text=", ".join(words[:2]).capitalize())
     lines.label(text=", ".join(words[2:]))
+    lines.label(text=time_left(job).capitalize())
     row = box.row()
     row.scale_y = 1.4
-    row.enabled = not job.cancelling
-    row.operator("femors.cancel", text="Cancelling" if job.cancelling else "Cancel", icon="X")
+    row.operator("femors.cancel", text="Cancel", icon="X")
 
 
 classes = (FEMORS_PT_morph, FEMORS_PT_morph_advanced, FEMORS_PT_morph_figures)
