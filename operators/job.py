@@ -22,6 +22,8 @@ from . import preview
 
 TICK = 0.1
 """Seconds between two looks at a running job."""
+READ = 0.3
+"""Seconds between two redraws of what is said of it, at least: nobody reads faster."""
 
 Compute = Callable[[Progress], Any]
 
@@ -135,6 +137,7 @@ class JobOperator:
     current = None
     _job = None
     _shown = ()
+    _read = 0.0
     _views = None
 
     # --- given by the operator ----------------------------------------------------------------
@@ -219,7 +222,7 @@ class JobOperator:
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        preview.refresh()
+        preview.refresh(TICK)
         if not job.alive and job.error is None and context.mode != "OBJECT":
             job.fraction, job.text = 1.0, "Done: return to Object Mode to receive the result"
             self._show(job)
@@ -244,10 +247,10 @@ class JobOperator:
     # --- endings ------------------------------------------------------------------------------
     def _show(self, job: Job) -> None:
         """Redraw the panel and the status bar, only where something changed."""
-        left = time_left(job)
+        left, now = time_left(job), time.monotonic()
         shown = (round(job.fraction, 3), job.text, left)
-        if shown != self._shown:
-            self._shown = shown
+        if shown != self._shown and now - self._read >= READ:
+            self._shown, self._read = shown, now
             words = ", ".join(filter(None, (f"FEMORS: {job.title}", f"{job.fraction:.0%}", job.text, left)))
             show_status(f"{words}    Esc: cancel")
             redraw()

@@ -15,9 +15,9 @@ Array = NDArray[Any]
 
 PAUSE = 0.2
 """Seconds between two pictures, at least; a slow display gets fewer (see `SHARE`)."""
-SHARE = 0.25
+SHARE = 0.2
 """Of the time that may go into drawing: the rest is for the user and the computation."""
-COLOUR = (1.0, 0.52, 0.16)
+COLOUR = (0.92, 0.36, 0.06)
 """Orange, which neither Blender's grey nor its selection outline is mistaken for."""
 
 VERTEX = """
@@ -98,14 +98,15 @@ class Screen:
     views: ClassVar[list[View]] = []
     handler: ClassVar[Any] = None
     shader: ClassVar[Any] = None
-    seconds: ClassVar[float] = 0.0
+    drawn: ClassVar[bool] = False
+    seen: ClassVar[float] = 0.0
 
 
 def show(views: list[View]) -> None:
     """Draw these in every 3D viewport from now on."""
     hide()
     if views and not bpy.app.background:
-        Screen.views = views
+        Screen.views, Screen.seen, Screen.drawn = views, time.monotonic(), False
         Screen.handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
@@ -118,8 +119,17 @@ def hide() -> None:
     Screen.shader = None
 
 
-def refresh() -> None:
-    """Ask for a redraw where there is something new to see."""
+def refresh(tick: float) -> None:
+    """Ask for a redraw where there is something new to see; called every `tick` seconds.
+
+    How late the call after a redraw comes tells what the redraw of the whole window takes, of which
+    our drawing is the smallest part. A slow display gets few pictures.
+    """
+    now = time.monotonic()
+    if Screen.drawn:
+        for view in Screen.views:
+            view.pause = max(PAUSE, (now - Screen.seen - tick) / SHARE)
+    Screen.seen, Screen.drawn = now, False
     if any(view.waiting for view in Screen.views):
         tag_redraw()
 
@@ -138,7 +148,7 @@ def tag_redraw() -> None:
 def _draw() -> None:
     import gpu
 
-    begun = time.monotonic()
+    Screen.drawn = True
     if Screen.shader is None:
         Screen.shader = _shader()
     turn = np.array(bpy.context.region_data.view_matrix)[2, :3]
@@ -146,9 +156,6 @@ def _draw() -> None:
         Screen.shader.bind()
         for view in Screen.views:
             view.draw(Screen.shader, turn.tolist())
-    Screen.seconds = time.monotonic() - begun
-    for view in Screen.views:
-        view.pause = max(PAUSE, Screen.seconds / SHARE)
 
 
 @contextlib.contextmanager

@@ -37,6 +37,8 @@ checkout = Checkout()
 Steps = Iterator[None]
 SIZE = 30000
 """Vertices of the bones: enough work to watch and to cancel."""
+LARGE = 70000
+"""Vertices of the bones by which stalls are measured."""
 
 seen: dict[str, Any] = {"steps": []}
 
@@ -174,10 +176,10 @@ def shapes() -> Steps:
     yield from pause(0.5)
 
 
-def make_shapes() -> None:
+def make_shapes(size: int = SIZE) -> None:
     """Make the source "Femur" and the target "Scan" from the core's own shapes."""
     core = importlib.import_module(f"{PACKAGE}.femors_addon.shapes")
-    pair = core.pair(SIZE, SIZE, posed=True, length=4.0)
+    pair = core.pair(size, size, posed=True, length=4.0)
     for name, surface in (("Femur", pair.source), ("Scan", pair.target)):
         mesh = bpy.data.meshes.new(name)
         mesh.from_pydata(surface.vertices.tolist(), [], surface.faces.tolist())
@@ -238,6 +240,78 @@ def cancel() -> Steps:
     yield from wait("the Cancel button to end the job", quiet)
     check(scene_state() == before, "a job that was cancelled by its button changed the scene")
     yield from shot("4_cancelled")
+
+
+class Pulse:
+    """Ticks of the window, every 5 ms while it has nothing to do: what comes late was a stall."""
+
+    def __init__(self) -> None:
+        self.late: list[tuple[float, float, str, bool]] = []
+        self.drawn = False
+        self.handler = bpy.types.SpaceView3D.draw_handler_add(self.draw, (), "WINDOW", "PRE_VIEW")
+        self.begun = self.last = time.monotonic()
+        bpy.app.timers.register(self.tick)
+
+    def draw(self) -> None:
+        self.drawn = True
+
+    def tick(self) -> float | None:
+        running, now = job(), time.monotonic()
+        if self.last is None:
+            return None
+        text = running.text if running else ""
+        self.late.append((now - self.last, now - self.begun, text, self.drawn))
+        self.last, self.drawn = now, False
+        return 0.005
+
+    def figures(self) -> dict[str, Any]:
+        """End, and return the gaps between ticks in ms: those in which the viewport was drawn, and others."""
+        self.last = None
+        bpy.types.SpaceView3D.draw_handler_remove(self.handler, "WINDOW")
+        out: dict[str, Any] = {}
+        for name, kind in (("drawing", True), ("else", False)):
+            mine = sorted((one for one in self.late if one[3] == kind), reverse=True)
+            gaps = [round(1000 * one[0]) for one in mine]
+            if gaps:
+                out[name] = {"ticks": len(gaps), "median_ms": gaps[len(gaps) // 2], "longest_ms": gaps[0]}
+                out[name]["over_100_ms"] = sum(gap > 100 for gap in gaps)
+                out[name]["worst"] = [
+                    f"{round(1000 * g)} at {at:.1f} s: {text}" for g, at, text, _ in mine[:3]
+                ]
+        return out
+
+
+def watched() -> Steps:
+    """A job of 70 000 nodes: the preview moves, the window does not stall, the source stays."""
+    for item in list(bpy.data.objects):
+        bpy.data.objects.remove(item)
+    make_shapes(LARGE)
+    form = bpy.context.scene.femors
+    form.source, form.target = bpy.data.objects["Femur"], bpy.data.objects["Scan"]
+    with bpy.context.temp_override(**(view() | {"region": view()["area"].regions[-1]})):
+        bpy.ops.view3d.view_all()
+    before = scene_state()
+    yield from pause(1.0)
+    idle = Pulse()
+    for _ in range(8):  # what a redraw of these two objects takes here, with nothing else to do
+        view()["area"].tag_redraw()
+        yield from pause(0.5)
+    seen["idle_window"] = idle.figures()
+    yield from start()
+    running, pulse = job(), Pulse()
+    moving = running.views[0]
+    yield from wait("two pictures of the preview", lambda: moving.pictures >= 2)
+    yield from shot("8_preview")
+    yield from wait("half of it", lambda: running.fraction > 0.5)
+    yield from shot("8_preview_later")
+    yield from wait("the end of the computation", lambda: not running.alive)
+    seen["window_at_70k"] = pulse.figures()
+    seen["preview"] = {"pictures": moving.pictures, "pause_s": round(moving.pause, 2)}
+    yield from wait("the result", quiet)
+    check(moving.pictures > 5, f"the preview was drawn {moving.pictures} times")
+    after = scene_state()
+    check(after[2] == before[2], "the source moved")
+    yield from shot("8_result")
 
 
 def finish() -> Steps:
@@ -379,6 +453,7 @@ STORY = (
     second_window,
     switched_off,
     other_file,
+    watched,
     quitting,
 )
 
@@ -386,7 +461,10 @@ STORY = (
 def whole() -> Steps:
     """All steps, one after the other."""
     yield from pause(1.0)
+    wanted = os.environ.get("FEMORS_WINDOW_STEPS", "").split(",")
     for step in STORY:
+        if wanted != [""] and step.__name__ not in wanted:
+            continue
         print(f"window: {step.__name__}", flush=True)
         begin = time.monotonic()
         yield from step()
