@@ -246,38 +246,42 @@ class Pulse:
     """Ticks of the window, every 5 ms while it has nothing to do: what comes late was a stall."""
 
     def __init__(self) -> None:
-        self.late: list[tuple[float, float, str, bool]] = []
-        self.drawn = False
-        self.handler = bpy.types.SpaceView3D.draw_handler_add(self.draw, (), "WINDOW", "PRE_VIEW")
+        self.late: list[tuple[float, float, str, str]] = []
+        self.drawn = self.before = ""
+        add = bpy.types.SpaceView3D.draw_handler_add
+        self.handlers = {
+            "WINDOW": add(self.draw, ("viewport",), "WINDOW", "PRE_VIEW"),
+            "UI": add(self.draw, ("sidebar",), "UI", "POST_PIXEL"),
+        }
         self.begun = self.last = time.monotonic()
         bpy.app.timers.register(self.tick)
 
-    def draw(self) -> None:
-        self.drawn = True
+    def draw(self, what: str) -> None:
+        self.drawn = self.drawn if self.drawn == "viewport" else what
 
     def tick(self) -> float | None:
         running, now = job(), time.monotonic()
         if self.last is None:
             return None
         text = running.text if running else ""
-        self.late.append((now - self.last, now - self.begun, text, self.drawn))
-        self.last, self.drawn = now, False
+        # the display may be waited for in the tick after the drawing
+        self.late.append((now - self.last, now - self.begun, text, self.drawn or self.before or "nothing"))
+        self.last, self.before, self.drawn = now, self.drawn, ""
         return 0.005
 
     def figures(self) -> dict[str, Any]:
-        """End, and return the gaps between ticks in ms: those in which the viewport was drawn, and others."""
+        """End, and return the gaps between ticks in ms, by what was drawn in them."""
         self.last = None
-        bpy.types.SpaceView3D.draw_handler_remove(self.handler, "WINDOW")
+        for region, handler in self.handlers.items():
+            bpy.types.SpaceView3D.draw_handler_remove(handler, region)
         out: dict[str, Any] = {}
-        for name, kind in (("drawing", True), ("else", False)):
-            mine = sorted((one for one in self.late if one[3] == kind), reverse=True)
+        for name in ("viewport", "sidebar", "nothing"):
+            mine = sorted((one for one in self.late if one[3] == name), reverse=True)
             gaps = [round(1000 * one[0]) for one in mine]
             if gaps:
                 out[name] = {"ticks": len(gaps), "median_ms": gaps[len(gaps) // 2], "longest_ms": gaps[0]}
                 out[name]["over_100_ms"] = sum(gap > 100 for gap in gaps)
-                out[name]["worst"] = [
-                    f"{round(1000 * g)} at {at:.1f} s: {text}" for g, at, text, _ in mine[:3]
-                ]
+                out[name]["worst"] = [f"{1000 * g:.0f} at {at:.1f} s: {t}" for g, at, t, _ in mine[:3]]
         return out
 
 
