@@ -28,6 +28,7 @@ __all__ = [
     "degenerate",
     "dihedral_angles",
     "flipped_faces",
+    "folded_faces",
     "nearest_vertex_distance",
     "piercings",
     "self_intersections",
@@ -144,6 +145,11 @@ def flipped_faces(before: Surface, after: Surface) -> Int:
         raise ValueError("flipped_faces() compares one mesh at two sets of positions")
     folded = (_opposed(after) & ~_opposed(before)) | _inverted(before, after)
     return np.flatnonzero(folded | (degenerate(after) & ~degenerate(before))).astype(np.int32)
+
+
+def folded_faces(surface: Surface) -> Int:
+    """Return the faces (k,) int32 that lie turned against their neighbourhood."""
+    return np.flatnonzero(_opposed(surface)).astype(np.int32)
 
 
 def _opposed(surface: Surface) -> np.ndarray:

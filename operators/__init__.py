@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import command, decks, dependencies, job, morph, props
+from . import command, decks, dependencies, heat, job, morph, props, quality
 
 
 def register() -> None:
@@ -16,12 +16,18 @@ def register() -> None:
     for cls in morph.classes:
         bpy.utils.register_class(cls)
     decks.register()
+    heat.register()
+    for cls in quality.classes:
+        bpy.utils.register_class(cls)
     command.register()
 
 
 def unregister() -> None:
     """End a running job and take everything back, in reverse."""
     command.unregister()
+    for cls in reversed(quality.classes):
+        bpy.utils.unregister_class(cls)
+    heat.unregister()
     decks.unregister()
     job.unregister()
     for cls in reversed(morph.classes):

@@ -5,16 +5,18 @@ from __future__ import annotations
 
 import bpy
 
-from . import panels
+from . import legend, panels, quality
 
 
 def register() -> None:
     """Register the panels."""
-    for cls in panels.classes:
+    for cls in (*panels.classes, *quality.classes):
         bpy.utils.register_class(cls)
+    legend.register()
 
 
 def unregister() -> None:
     """Take the panels back."""
-    for cls in reversed(panels.classes):
+    legend.unregister()
+    for cls in reversed((*panels.classes, *quality.classes)):
         bpy.utils.unregister_class(cls)

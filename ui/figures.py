@@ -139,11 +139,18 @@ def draw_sentence(
 
 
 def _row(layout: bpy.types.UILayout, title: str, before: str, after: str, alert: bool = False) -> None:
+    draw_row(layout, title, (before, after), alert)
+
+
+def draw_row(
+    layout: bpy.types.UILayout, title: str, values: tuple[str, ...], alert: bool = False, factor: float = 0.0
+) -> None:
+    """Draw a line of a table: its title, and values to the right."""
     row = layout.row()
     row.scale_y = 0.7
-    split = row.split(factor=0.5)
+    split = row.split(factor=factor or (0.5 if len(values) < 3 else 0.4))
     split.label(text=title)
-    for text in (before, after):
+    for text in values:
         cell = split.row()
         cell.alignment = "RIGHT"
         cell.alert = alert
