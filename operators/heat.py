@@ -379,10 +379,12 @@ def register() -> None:
     for cls in classes:
         bpy.utils.register_class(cls)
     bpy.types.Scene.femors_heat = bpy.props.PointerProperty(type=FEMORS_PG_heat)
+    heat_form.Listener.repaint = repaint
 
 
 def unregister() -> None:
     """Take everything back; what is shown stays coloured."""
+    heat_form.Listener.repaint = None
     del bpy.types.Scene.femors_heat
     for cls in reversed(classes):
         bpy.utils.unregister_class(cls)

@@ -3,14 +3,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
+
+
+class Listener:
+    """Whom a change is told to: `heat.repaint`, as long as the extension is registered."""
+
+    repaint: ClassVar[Any] = None
 
 
 def changed(form: Any, context: Any) -> None:
     """Paint anew what is shown as a heat map."""
-    from . import heat
-
-    heat.repaint(context)
+    if Listener.repaint is not None:
+        Listener.repaint(context)
 
 
 def is_mesh(form: Any, item: Any) -> bool:
