@@ -24,7 +24,7 @@ TO_XYZ = np.array(
 
 SEQUENTIAL = (
     ("lagoon", "Lagoon", "Dark violet over blue and green to light yellow"),
-    ("ember", "Ember", "Black over red and orange to light yellow"),
+    ("ember", "Ember", "Dark red over orange to light yellow"),
     ("grey", "Grey", "Dark to light grey, for print"),
 )
 """Maps for values from small to large: (key, name, description)."""
@@ -32,9 +32,9 @@ DIVERGING = "balance"
 """The map for values with a sign: red below zero, light grey at zero, blue above."""
 
 PATHS: dict[str, tuple[tuple[float, float], tuple[float, float], float]] = {
-    "lagoon": ((20.0, 93.0), (305.0, 100.0), 62.0),
-    "ember": ((8.0, 93.0), (20.0, 98.0), 82.0),
-    "grey": ((12.0, 95.0), (0.0, 0.0), 0.0),
+    "lagoon": ((30.0, 94.0), (305.0, 100.0), 62.0),
+    "ember": ((22.0, 94.0), (12.0, 98.0), 82.0),
+    "grey": ((20.0, 96.0), (0.0, 0.0), 0.0),
 }
 """From dark to light: lightness, hue in degrees, and the most chroma."""
 ARMS = ((32.0, 90.0), (30.0, 262.0), 68.0)
@@ -63,11 +63,12 @@ def painted(values: ArrayLike, low: float, high: float, name: str) -> Float:
     return np.asarray(table(name)[index])
 
 
-def span(values: ArrayLike, signed: bool) -> tuple[float, float]:
+def span(values: ArrayLike, signed: bool, least: float = 0.0) -> tuple[float, float]:
     """Return a range that shows most of the values: 1st to 99th percentile.
 
     Of a signed quantity the negative side is what is looked for (overlap, inversion): as far as it goes,
-    and as far on the other side of zero; where nothing is negative, up to the median.
+    and as far on the other side of zero; where nothing is negative, up to the median. What is smaller
+    than `least` is rounding, which no colours should spread out.
     """
     known: Float = np.asarray(values, dtype=np.float64).ravel()
     known = known[np.isfinite(known)]
@@ -75,10 +76,11 @@ def span(values: ArrayLike, signed: bool) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = (float(x) for x in np.percentile(known, (1, 99)))
     if signed:
-        reach = -float(known.min()) if known.min() < 0 else float(np.median(known))
+        reach = -float(known.min()) if known.min() < -least else float(np.median(known))
+        reach = max(reach, least)
         low, high = -reach, reach
-    if not high > low:
-        high = low + max(abs(low), 1.0) * 1e-6
+    if not high - low > least:
+        high = low + max(least, abs(low) * 1e-6, 1e-12)
     return low, high
 
 

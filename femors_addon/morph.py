@@ -21,6 +21,7 @@ from . import settings as declared
 from .align import Alignment, align, canonical_frame, inverse, transformed
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
+from .limits import require_memory
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
 from .morph_settings import PRESETS, MorphSettings
@@ -33,6 +34,7 @@ from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
 
+MEMORY_LEAST, MEMORY_NODE = 30e6, 2e3  # bytes: what a morph was measured to take, and per node of both
 FIELD_SPREAD = 0.75  # mean edges: the spread of the field that is kept
 
 
@@ -76,6 +78,8 @@ def morph(
     started = time.process_time()
     settings = settings or MorphSettings()
     declared.check(settings)
+    nodes = len(source.vertices) + len(target.vertices)
+    require_memory(MEMORY_LEAST + MEMORY_NODE * nodes, f"a morph with {nodes} nodes in both meshes")
     progress(0.0, "cleaning")
     ours, theirs = (
         clean(source.vertices, source.faces, "source"),

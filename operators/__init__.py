@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import bpy
 
-from . import command, decks, dependencies, heat, job, morph, props, quality
+from . import animate, command, decks, dependencies, heat, job, morph, presets, props, quality, report
+
+TOOLS = (*quality.classes, *report.classes, *animate.classes, *presets.classes)
 
 
 def register() -> None:
@@ -17,7 +19,7 @@ def register() -> None:
         bpy.utils.register_class(cls)
     decks.register()
     heat.register()
-    for cls in quality.classes:
+    for cls in TOOLS:
         bpy.utils.register_class(cls)
     command.register()
 
@@ -25,7 +27,7 @@ def register() -> None:
 def unregister() -> None:
     """End a running job and take everything back, in reverse."""
     command.unregister()
-    for cls in reversed(quality.classes):
+    for cls in reversed(TOOLS):
         bpy.utils.unregister_class(cls)
     heat.unregister()
     decks.unregister()

@@ -21,6 +21,8 @@ BEFORE = "femors_heat_before"
 """Name of the note on a mesh: its active colour attribute from before, or ""."""
 SHADING = "femors_shading"
 """Name of the note on a screen: how its viewports were shaded."""
+ROUNDING = 1e-5
+"""Of an object's size: differences below this are not spread over all colours."""
 REMEMBERED = ("type", "color_type", "show_specular_highlight")
 
 CHOICES = (
@@ -233,7 +235,9 @@ def show(context: bpy.types.Context, items: list[bpy.types.Object]) -> tuple[flo
             raise FemorsError(f"'{item.name}' has no faces to be coloured")
     values = [values_of(item, key, form.other) for item in items]
     signed = QUANTITIES[key].signed
-    low, high = span(np.concatenate(values), signed) if form.automatic else (form.low, form.high)
+    length = QUANTITIES[key].unit == "length"
+    least = ROUNDING * max(max(item.dimensions) for item in items) if length else ROUNDING
+    low, high = span(np.concatenate(values), signed, least) if form.automatic else (form.low, form.high)
     if not high > low:
         raise FemorsError(f"The range ends at {high:g} and begins at {low:g}: make To larger than From")
     for item, one in zip(items, values, strict=True):

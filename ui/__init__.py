@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import bpy
 
-from . import legend, panels, quality
+from . import legend, panels, preferences, quality, reports
 
 
 def register() -> None:
     """Register the panels."""
-    for cls in (*panels.classes, *quality.classes):
+    preferences.register()
+    for cls in (*panels.classes, *quality.classes, *reports.classes):
         bpy.utils.register_class(cls)
     legend.register()
 
@@ -18,5 +19,6 @@ def register() -> None:
 def unregister() -> None:
     """Take the panels back."""
     legend.unregister()
-    for cls in reversed((*panels.classes, *quality.classes)):
+    for cls in reversed((*panels.classes, *quality.classes, *reports.classes)):
         bpy.utils.unregister_class(cls)
+    preferences.unregister()

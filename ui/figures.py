@@ -57,7 +57,7 @@ def length_unit(settings: Any) -> tuple[float, str]:
     """Return the factor that takes scene lengths to the scene's unit, and the unit's name.
 
     Blender's factory settings say metres whatever a file's numbers mean: they count as not set, and
-    lengths stay as they are.
+    lengths stay as they are, in the unit that the preferences name.
 
     Parameters
     ----------
@@ -66,7 +66,9 @@ def length_unit(settings: Any) -> tuple[float, str]:
     """
     scale, unit = settings.scale_length, settings.length_unit
     if settings.system == "NONE" or (abs(scale - 1.0) < 1e-6 and unit in ("METERS", "ADAPTIVE")):
-        return 1.0, "scene units"
+        addon = bpy.context.preferences.addons.get(__package__.rpartition(".")[0])
+        chosen = getattr(addon and addon.preferences, "unit", "NONE")
+        return 1.0, (UNITS[chosen][1] if chosen in UNITS else "scene units")
     if unit == "ADAPTIVE":  # Blender changes the unit with the length; one for the whole table is wanted
         named = [key for key, (metres, _) in UNITS.items() if abs(scale / metres - 1.0) < 1e-4]
         unit = named[0] if named else ("METERS" if settings.system == "METRIC" else "FEET")

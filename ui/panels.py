@@ -45,12 +45,17 @@ class FEMORS_PT_morph(FemorsPanel, bpy.types.Panel):
         draw_pickers(column, context)
         draw_options(column, form)
         if JobOperator.current is not None:
-            draw_job(layout, JobOperator.current)
+            if JobOperator.current.title == "Morph":
+                draw_job(layout, JobOperator.current)
             return
         button = layout.column()
         button.scale_y = 1.6
         button.context_pointer_set("femors_form", form)
         button.operator("femors.morph", text="Morph", icon="MOD_SHRINKWRAP")
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        """Draw the menu of saved presets."""
+        draw_presets(self, context)
 
 
 class FEMORS_PT_morph_advanced(FemorsPanel, bpy.types.Panel):
@@ -109,6 +114,15 @@ class FEMORS_PT_morph_figures(FemorsPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table."""
         draw_figures(self.layout, parsed(context.object.femors.report), context)
+
+
+def draw_presets(self: bpy.types.Panel, context: bpy.types.Context) -> None:
+    """Draw the menu of saved presets with its + and - in a panel's head."""
+    row = self.layout.row(align=True)
+    row.emboss = "NONE"
+    row.menu("FEMORS_MT_presets", text="", icon="PRESET")
+    row.operator("femors.preset_add", text="", icon="ADD")
+    row.operator("femors.preset_add", text="", icon="REMOVE").remove_active = True
 
 
 def draw_pickers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -18,7 +18,6 @@ SHAPE = (
     ("Aspect ratio", "aspect", ""),
     ("Skewness", "skewness", ""),
     ("Dihedral angle (°)", "dihedral", ""),
-    ("Scaled Jacobian", "scaled_jacobian", ""),
 )
 FAULTS = (
     ("Self-intersecting", "self_intersecting"),
@@ -64,7 +63,7 @@ class FEMORS_PT_quality(FemorsPanel, bpy.types.Panel):
         button.operator("femors.quality", icon="VIEWZOOM")
         if mesh is not None and mesh.femors.quality:
             draw_quality(layout, parsed(mesh.femors.quality), context)
-            if BAD in mesh.data.attributes:
+            if BAD in mesh.data.attributes and any(parsed(mesh.femors.quality)["faults"].values()):
                 layout.operator("femors.select_bad_faces", icon="FACESEL")
 
 
@@ -88,15 +87,18 @@ def draw_quality(layout: bpy.types.UILayout, found: dict[str, Any], context: bpy
     volume = "open" if mesh["volume"] is None else number(factor**3 * mesh["volume"])
     draw_row(box, "Volume" if plain else f"Volume ({unit}³)", (volume,))
     box = column.box().column(align=True)
-    draw_row(box, "Shape of faces", ("median", "99 %", "max"))
+    draw_row(box, "", ("median", "99 %", "max"), factor=0.04)
     for title, key, kind in SHAPE:
         _stat(box, title, found["shape"][key], factor if kind == "length" else 1.0)
+    jacobian = found["shape"]["scaled_jacobian"]
+    draw_row(box, "", ("median", "1 %"), factor=0.36)
+    draw_row(box, "Sc. Jacobian", (number(jacobian["median"]), number(jacobian["p01"])), factor=0.36)
     if "elements" in found:
         one = found["elements"]
         box = column.box().column(align=True)
-        draw_row(box, "Elements", ("min", "1 %", "median"))
-        values = tuple(f"{one[key]:.3f}" for key in ("minimum", "p01", "median"))
-        draw_row(box, "Scaled Jacobian", values)
+        _title(box, "Scaled Jacobian of elements")
+        draw_row(box, "", ("min", "1 %", "median"), factor=0.04)
+        draw_row(box, "", tuple(f"{one[key]:.3f}" for key in ("minimum", "p01", "median")), factor=0.04)
     if "against" in found:
         _draw_against(column, found, factor, unit, context)
 
@@ -110,8 +112,8 @@ def _draw_against(
 ) -> None:
     beside = found["against"]
     box = column.box().column(align=True)
-    box.label(text=f"Beside {found['other_name']}")
-    draw_row(box, f"({unit})", ("median", "99 %", "max"))
+    _title(box, f"Beside {found['other_name']} ({unit})")
+    draw_row(box, "", ("median", "99 %", "max"), factor=0.04)
     for title, key in BESIDE:
         _stat(box, title, beside[key], factor)
     if beside["movement"] is not None:
@@ -122,13 +124,21 @@ def _draw_against(
     if both is None:
         draw_sentence(box, context, f"No XOR volume: {beside['no_overlap']}", "INFO")
         return
-    error = f"± {number(factor**3 * both['xor_uncertainty'])}"
-    draw_row(box, "XOR volume", (number(factor**3 * both["xor"]), error))
+    error = f" ± {number(factor**3 * both['xor_uncertainty'])}"
+    draw_row(box, "XOR volume", (number(factor**3 * both["xor"]) + error,))
     draw_row(box, "Dice coefficient", (f"{both['dice']:.4f}",))
 
 
 def _stat(box: bpy.types.UILayout, title: str, one: dict[str, float], factor: float) -> None:
-    draw_row(box, title, tuple(number(factor * one[key]) for key in ("median", "p99", "maximum")))
+    """Draw a title, and below it three numbers, for which a narrow sidebar has no room beside it."""
+    _title(box, title)
+    draw_row(box, "", tuple(number(factor * one[key]) for key in ("median", "p99", "maximum")), factor=0.04)
+
+
+def _title(box: bpy.types.UILayout, title: str) -> None:
+    row = box.row()
+    row.scale_y = 0.7
+    row.label(text=title)
 
 
 class FEMORS_PT_heat(FemorsPanel, bpy.types.Panel):

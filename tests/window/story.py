@@ -37,10 +37,12 @@ checkout = Checkout()
 Steps = Iterator[None]
 SIZE = 30000
 """Vertices of the bones: enough work to watch and to cancel."""
-LARGE = 70000
+LARGE = int(os.environ.get("FEMORS_WINDOW_NODES", "70000"))
 """Vertices of the bones by which stalls are measured."""
 
 seen: dict[str, Any] = {"steps": []}
+opened: list[type] = []
+folded: list[type] = []
 
 
 # --- hands and eyes ---------------------------------------------------------------------------
@@ -318,6 +320,63 @@ def watched() -> Steps:
     yield from shot("8_result")
 
 
+def only(*names: str) -> Steps:
+    """Show these panels of the sidebar alone, open: a script can neither scroll it nor unfold a panel."""
+    for stand in opened:
+        bpy.utils.unregister_class(stand)
+    opened.clear()
+    for cls in reversed(folded):
+        bpy.utils.register_class(cls)
+    folded.clear()
+    if names:
+        mine = [c for c in bpy.types.Panel.__subclasses__() if getattr(c, "bl_category", "") == "FEMORS"]
+        mine += [c for base in mine for c in base.__subclasses__()]
+        roots = [c for c in mine if c.is_registered and not getattr(c, "bl_parent_id", "")]
+        children = [c for c in mine if c.is_registered and getattr(c, "bl_parent_id", "")]
+        for cls in (*children, *roots):
+            bpy.utils.unregister_class(cls)
+            folded.append(cls)
+        for cls in roots:
+            if cls.__name__.removeprefix("FEMORS_PT_") in names:
+                key = cls.bl_idname + "_open"
+                stand = type(key, (cls,), {"bl_idname": key, "bl_options": set()})
+                bpy.utils.register_class(stand)
+                opened.append(stand)
+    yield from show_panel()
+
+
+def measured() -> Steps:
+    """Measure the result beside its target, show heat maps with their legend, and go back."""
+    call(bpy.ops.object.select_all, action="DESELECT")
+    item = next(o for o in bpy.data.objects if o.name.startswith("Femur morphed"))
+    item.select_set(True)
+    bpy.context.view_layer.objects.active = item
+    form = bpy.context.scene.femors_heat
+    form.mesh, form.other = item, bpy.data.objects["Scan"]
+    yield from only("quality")
+    check(call(bpy.ops.femors.quality, "INVOKE_DEFAULT") == {"RUNNING_MODAL"}, "the button did not start")
+    yield from wait("the figures", quiet)
+    check(item.femors.quality, "no figures were kept")
+    yield from shot("9_quality")
+    yield from only("heat")
+    shading = view()["area"].spaces.active.shading
+    before = {name: getattr(shading, name) for name in ("type", "color_type", "show_specular_highlight")}
+    legend = importlib.import_module(f"{PACKAGE}.ui.legend")
+    for number, quantity in enumerate(("displacement", "aspect", "gap")):
+        form.quantity = quantity
+        check(call(bpy.ops.femors.show_heat) == {"FINISHED"}, f"{quantity} was not shown")
+        check(shading.color_type == "VERTEX", "the viewport does not show the colours")
+        with bpy.context.temp_override(**(view() | {"region": view()["area"].regions[-1]})):
+            bpy.ops.view3d.view_selected()
+            check(legend.words(bpy.context), "there is no legend")
+        yield from shot(f"9_heat_{number + 1}_{quantity}")
+    check(call(bpy.ops.femors.hide_heat) == {"FINISHED"}, "no way back")
+    check(all(getattr(shading, name) == old for name, old in before.items()), "the shading is another")
+    check("femors_heat" not in item.data.color_attributes, "the colours are still there")
+    yield from shot("9_heat_4_back")
+    yield from only()
+
+
 def finish() -> Steps:
     """Run to the end: one new object, selected, with figures."""
     names, _, positions = scene_state()
@@ -458,6 +517,7 @@ STORY = (
     switched_off,
     other_file,
     watched,
+    measured,
     quitting,
 )
 
