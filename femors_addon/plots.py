@@ -102,7 +102,7 @@ def bar(name: str, low: float, high: float, label: str) -> str:
     )
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 360 52" width="360" height="52" '
-        'font-size="11" font-family="sans-serif">'
+        'font-size="11" font-family="sans-serif" shape-rendering="crispEdges">'
         f'<text x="20" y="12">{escape(label)}</text>{stops}{words}</svg>'
     )
 

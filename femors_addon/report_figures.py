@@ -19,6 +19,7 @@ from .report_html import Figure, Item, Section
 
 SOURCE, TARGET = (0.80, 0.67, 0.50), (0.55, 0.66, 0.78)
 MAP = "lagoon"
+ROUNDING = 1e-5  # of the size: lengths below are not worth a picture
 
 
 def morph_figures(
@@ -50,12 +51,12 @@ def morph_figures(
     items += heat_pictures(morphed, values, sights, unit)
     distances: dict[str, Float] = {}
     if target is not None:
-        index = SurfaceIndex(morphed)
+        far = SurfaceIndex(morphed).closest(target.vertices).distance
+        items += _heat(target, far, sights, _with_unit("Distance of the target from the result", unit))
         used = np.unique(target.faces)
-        points = target.vertices[used]
         if aligned is not None:
-            distances["source, aligned"] = SurfaceIndex(aligned).closest(points).distance
-        distances["result"] = index.closest(points).distance
+            distances["source, aligned"] = SurfaceIndex(aligned).closest(target.vertices[used]).distance
+        distances["result"] = far[used]
     shapes = {"source": aligned, "result": morphed}
     aspects = {name: aspect_ratio(one) for name, one in shapes.items() if one is not None}
     jacobians = {name: triangle_jacobians(one) for name, one in shapes.items() if one is not None}
@@ -64,10 +65,7 @@ def morph_figures(
             histogram(distances, _with_unit("distance", unit)),
             "Distance of the target's vertices from the surface.",
         ),
-        *(
-            (histogram({key: values[key]}, label), label + " of the result.")
-            for key, label in _labels(values, unit)
-        ),
+        *_spread(morphed, values, unit),
         (histogram(aspects, "aspect ratio", "faces"), "Aspect ratio of the faces."),
         (
             histogram(jacobians, "scaled Jacobian", "faces"),
@@ -93,7 +91,7 @@ def mesh_figures(
             histogram({"": triangle_jacobians(surface)}, "scaled Jacobian", "faces"),
             "Scaled Jacobian of the faces.",
         ),
-        *((histogram({key: values[key]}, label), label + ".") for key, label in _labels(values, unit)),
+        *_spread(surface, values, unit),
     ]
     spread = tuple(Figure(drawn, caption) for drawn, caption in plots if drawn)
     return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
@@ -105,15 +103,22 @@ def heat_pictures(
     """Return, for each quantity, the surface coloured by it in all views, and the legend."""
     items: list[Item] = []
     for key, label in _labels(values, unit):
-        numbers, signed = np.asarray(values[key], dtype=float), QUANTITIES[key].signed
-        name = DIVERGING if signed else MAP
-        low, high = span(numbers, signed, 1e-5 * surface.diagonal)
-        colours = painted(numbers, low, high, name)
-        items += _from_all([Shown(surface, colours)], sights, label)
-        items.append(
-            Figure(bar(name, low, high, label), "1st to 99th percentile; beyond it the end's colour.")
-        )
+        items += _heat(surface, values[key], sights, label, QUANTITIES[key].signed)
     return items
+
+
+def _heat(
+    surface: Surface, values: ArrayLike, sights: list[View], label: str, signed: bool = False
+) -> list[Item]:
+    """Return a surface coloured by values of its vertices, and the legend; a sentence where all are 0."""
+    numbers, least = np.asarray(values, dtype=float), ROUNDING * surface.diagonal
+    if np.abs(numbers).max(initial=0.0) < least:
+        return [f"{label}: 0 everywhere, but for rounding."]
+    name = DIVERGING if signed else MAP
+    low, high = span(numbers, signed, least)
+    colours = painted(numbers, low, high, name)
+    legend = Figure(bar(name, low, high, label), "Values beyond the ends have the end's colour.")
+    return [*_from_all([Shown(surface, colours)], sights, label), legend]
 
 
 def _labels(values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]:
@@ -122,6 +127,16 @@ def _labels(values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]
         if key in values and not quantity.of_faces:
             out.append((key, _with_unit(quantity.label, unit)))
     return out
+
+
+def _spread(surface: Surface, values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]:
+    """Return a histogram and its caption for each quantity that is more than rounding."""
+    least = ROUNDING * surface.diagonal
+    return [
+        (histogram({key: values[key]}, label), f"{label} at the vertices.")
+        for key, label in _labels(values, unit)
+        if np.abs(np.asarray(values[key])).max(initial=0.0) >= least
+    ]
 
 
 def _with_unit(label: str, unit: str) -> str:

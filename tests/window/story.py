@@ -377,6 +377,39 @@ def measured() -> Steps:
     yield from only()
 
 
+def kept() -> Steps:
+    """Write the report with the viewport in it, morph to a shape key and make a film of it; undo that."""
+    yield from only("report")
+    path = OUT / "report.html"
+    path.unlink(missing_ok=True)
+    check(call(bpy.ops.femors.report, filepath=str(path)) == {"FINISHED"}, "no report")
+    text = path.read_text(encoding="utf-8")
+    check("As the viewport showed it" in text and text.count("<svg") > 5, "the page lacks pictures or plots")
+    form = bpy.context.scene.femors
+    form.result = "SHAPE_KEY"
+    source = bpy.data.objects["Femur"]
+    yield from start()
+    yield from wait("the shape key", quiet)
+    check(source.data.shape_keys, "no shape key")
+    bpy.ops.object.select_all(action="DESELECT")
+    source.select_set(True)
+    bpy.context.view_layer.objects.active = source
+    call(bpy.ops.ed.undo_push, message="select")
+    check(call(bpy.ops.femors.animate) == {"FINISHED"}, "no film")
+    key = source.data.shape_keys.key_blocks[-1]
+    bpy.context.scene.frame_set(31)
+    yield from pause(0.3)
+    check(0.3 < key.value < 0.7, f"half way through the slider is at {key.value}")
+    yield from shot("9_film")
+    call(bpy.ops.ed.undo)
+    yield from pause(0.3)
+    source = bpy.data.objects["Femur"]
+    animation = source.data.shape_keys.animation_data
+    check(animation is None or animation.action is None, "one undo did not take the film away")
+    bpy.context.scene.femors.result = "NEW"
+    yield from only()
+
+
 def finish() -> Steps:
     """Run to the end: one new object, selected, with figures."""
     names, _, positions = scene_state()
@@ -518,6 +551,7 @@ STORY = (
     other_file,
     watched,
     measured,
+    kept,
     quitting,
 )
 
