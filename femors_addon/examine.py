@@ -71,6 +71,8 @@ class Examination:
     ----------
     vertices, faces, pieces, open_edges : int
         Faces are triangles; pieces are connected by edges.
+    size : float
+        Diagonal of the bounding box.
     area : float
     volume : float or None
         Enclosed by it; None where it is open.
@@ -89,6 +91,7 @@ class Examination:
     faces: int
     pieces: int
     open_edges: int
+    size: float
     area: float
     volume: float | None
     edge: Stat
@@ -125,6 +128,7 @@ class Examination:
                 "faces": self.faces,
                 "pieces": self.pieces,
                 "open_edges": self.open_edges,
+                "size": self.size,
                 "area": self.area,
                 "volume": self.volume,
             },
@@ -225,6 +229,7 @@ def examine(
         faces=len(surface.faces),
         pieces=int(pieces),
         open_edges=open_edges,
+        size=mesh.diagonal,
         area=float(mesh.face_areas.sum()),
         volume=None if mesh.border.any() else float(mesh.volume),
         edge=Stat.of(np.linalg.norm(a - b, axis=1)),

@@ -19,6 +19,8 @@ SHAPE = (
     ("Skewness", "skewness", ""),
     ("Dihedral angle (°)", "dihedral", ""),
 )
+ROUNDING = 1e-6
+"""Of the size: shorter distances between two meshes are single precision."""
 FAULTS = (
     ("Self-intersecting", "self_intersecting"),
     ("Folded over", "folded"),
@@ -81,7 +83,8 @@ def draw_quality(layout: bpy.types.UILayout, found: dict[str, Any], context: bpy
     box = column.box().column(align=True)
     mesh = found["mesh"]
     draw_row(box, "Vertices, triangles", (str(mesh["vertices"]), str(mesh["faces"])))
-    draw_row(box, "Pieces, open edges", (str(mesh["pieces"]), str(mesh["open_edges"])))
+    draw_row(box, "Pieces", (str(mesh["pieces"]),))
+    draw_row(box, "Open edges", (str(mesh["open_edges"]),))
     plain = unit == "scene units"
     draw_row(box, "Area" if plain else f"Area ({unit}²)", (number(factor**2 * mesh["area"]),))
     volume = "open" if mesh["volume"] is None else number(factor**3 * mesh["volume"])
@@ -115,7 +118,7 @@ def _draw_against(
     _title(box, f"Beside {found['other_name']} ({unit})")
     draw_row(box, "", ("median", "99 %", "max"), factor=0.04)
     for title, key in BESIDE:
-        _stat(box, title, beside[key], factor)
+        _stat(box, title, beside[key], factor, ROUNDING * found["mesh"]["size"])
     if beside["movement"] is not None:
         _stat(box, "Movement", beside["movement"], factor)
         draw_row(box, "Flipped faces", (str(beside["flipped"]),), alert=beside["flipped"] > 0)
@@ -129,10 +132,16 @@ def _draw_against(
     draw_row(box, "Dice coefficient", (f"{both['dice']:.4f}",))
 
 
-def _stat(box: bpy.types.UILayout, title: str, one: dict[str, float], factor: float) -> None:
-    """Draw a title, and below it three numbers, for which a narrow sidebar has no room beside it."""
+def _stat(
+    box: bpy.types.UILayout, title: str, one: dict[str, float], factor: float = 1.0, least: float = 0.0
+) -> None:
+    """Draw a title, and below it three numbers, for which a narrow sidebar has no room beside it.
+
+    What is below `least` is rounding, and is shown as 0.
+    """
     _title(box, title)
-    draw_row(box, "", tuple(number(factor * one[key]) for key in ("median", "p99", "maximum")), factor=0.04)
+    values = (one[key] if abs(one[key]) >= least else 0.0 for key in ("median", "p99", "maximum"))
+    draw_row(box, "", tuple(number(factor * value) for value in values), factor=0.04)
 
 
 def _title(box: bpy.types.UILayout, title: str) -> None:
