@@ -8,12 +8,12 @@ DATA := $(or $(FEMORS_DATA),../shared/data)
 BLENDER_DIR := $(or $(FEMORS_BLENDER_DIR),$(HOME)/.cache/femors/blender)
 FETCH := ../shared/tools/get-blender.sh
 
-.PHONY: help setup demo test lint format bench blender clean distclean
+.PHONY: help setup demo test test-package lint lock package format bench blender clean distclean
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|' 2>/dev/null \
-	  || sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1: \2/p' $(MAKEFILE_LIST)
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|' 2>/dev/null \
+	  || sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1: \2/p' $(MAKEFILE_LIST)
 	@echo "The command line: $(VENV)/bin/python -m femors_addon --help"
 
 setup: $(STAMP) ## .venv with Blender as a Python module (bpy), NumPy, SciPy and the test tools
@@ -28,6 +28,16 @@ demo: setup ## two bones of its own making, morphed through the real operator: .
 test: setup ## core tests, Blender tests on the bpy wheel, and in a real blender and its window where there is one
 	@tests/run_all.sh
 
+package: setup ## one zip for each platform into dist/, with all it needs: what users install
+	@$(VENV)/bin/python -m package.build
+	@TZ=Asia/Tokyo PYTHONHASHSEED=1 $(VENV)/bin/python -m package.build --check
+
+test-package: package ## install the Linux zip into real Blenders and bpy wheels, test it there, uninstall it
+	@tests/run_installed.sh
+
+lock: setup ## fetch the wheels that package/targets.py names; write requirements/wheels.lock.toml
+	@$(VENV)/bin/python -m package.lock
+
 lint: setup ## ruff and mypy
 	@bad=0; for check in "ruff check ." "ruff format --check ." mypy; do \
 	  echo "$$check"; $(VENV)/bin/$$check || bad=1; done; exit $$bad
@@ -38,10 +48,12 @@ format: setup ## let ruff rewrite the layout of the code
 bench: setup ## figures on real bones, which need ../shared/data
 	@[ -d "$(DATA)" ] || { echo "make bench: there is no folder $(DATA) with the bones (FEMORS_DATA=... names another)"; exit 1; }
 	@$(VENV)/bin/python tests/bench/bench_morph.py
+	@$(VENV)/bin/python tests/bench/bench_overclosure.py
 
-blender: ## fetch a real Blender binary (Debian's) for the tests
+blender: ## fetch real Blender binaries (Debian's trixie and sid) for the tests
 	@[ -x "$(FETCH)" ] || { echo "make blender: there is no $(FETCH); install Blender yourself and set BLENDER=/path/to/blender"; exit 1; }
 	@$(FETCH) trixie "$(BLENDER_DIR)"
+	@$(FETCH) sid "$(BLENDER_DIR)"
 
 clean: ## remove what tests and demos leave; .venv stays
 	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis demo_output bench_output dist

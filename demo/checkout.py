@@ -2,18 +2,21 @@
 """This checkout as an enabled Blender extension, without building a zip.
 
 Blender sees a folder of links as an extensions repository: the link's name is the manifest's id.
-Used by the demonstration and by the tests that need Blender.
+Used by the demonstration and by the tests that need Blender. Where ``FEMORS_INSTALLED`` is set, a
+package is installed in ``BLENDER_USER_RESOURCES``, and that is enabled instead of the checkout.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from pathlib import Path
 from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = "bl_ext.dev.femors"
+INSTALLED = bool(os.environ.get("FEMORS_INSTALLED"))
+PACKAGE = "bl_ext.user_default.femors" if INSTALLED else "bl_ext.dev.femors"
 
 
 class Checkout:
@@ -32,8 +35,10 @@ class Checkout:
         import addon_utils
         import bpy
 
+        if addon_utils.check(PACKAGE)[1]:  # by Blender itself, as it started
+            return sys.modules[PACKAGE]
         repository = Path(self._folder.name) / "extensions_dev"
-        if not repository.exists():
+        if not INSTALLED and not repository.exists():
             repository.mkdir()
             (repository / "femors").symlink_to(ROOT)
             repositories = bpy.context.preferences.extensions.repos
@@ -49,4 +54,5 @@ class Checkout:
         import bpy
 
         if PACKAGE in bpy.context.preferences.addons:
-            addon_utils.disable(PACKAGE, default_set=True)
+            # for good, wheels and all, unless it is the tests that have to go on with it
+            addon_utils.disable(PACKAGE, default_set=not INSTALLED)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import datetime
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,7 +12,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import cli_convert, cli_quality, deckfiles, files, landmarkfiles
+from . import (
+    cli_convert,
+    cli_landmarks,
+    cli_overclosure,
+    cli_quality,
+    cli_transfer,
+    deckfiles,
+    files,
+    landmarkfiles,
+)
 from .align import inverse, transformed
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
@@ -25,7 +35,7 @@ from .progress import FemorsError
 from .report_figures import morph_figures
 from .report_files import HELP, check_ending, report_bytes
 from .report_html import Section
-from .versions import version
+from .version import version
 from .volume_morph import VolumeMorphResult
 
 DONE, IMPERFECT, REFUSED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 130
@@ -49,6 +59,7 @@ class Command(NamedTuple):
     help: str
     options: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace, Console], int]
+    exit_codes: str = EXIT_CODES
 
 
 def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
@@ -98,7 +109,11 @@ def _state(console: Console) -> str:
 
 
 def _parser(prog: str) -> argparse.ArgumentParser:
-    parser = Parser(prog=prog, description="Morph one mesh into the shape of another.", allow_abbrev=False)
+    parser = Parser(
+        prog=prog,
+        description="Morph one mesh into the shape of another; push overlapping bodies apart.",
+        allow_abbrev=False,
+    )
     parser.add_argument("--version", action="version", version=f"FEMORS {version()}")
     parser.set_defaults(command=None)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
@@ -108,7 +123,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             help=command.help,
             usage=f"{prog} {command.name} {command.usage}",
             description=command.help,
-            epilog=EXIT_CODES,
+            epilog=command.exit_codes,
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
@@ -159,7 +174,7 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     if args.report is not None:
         check_ending(args.report)
     files.check_writable(args.out, *others)
-    pairs = _landmarks(landmarks)
+    *pairs, names = _landmarks(landmarks)
     source, target = deckfiles.read(args.source), deckfiles.read(args.target)
     part = cli_convert.part_of(source, args.part, "--part")
     surface = cli_convert.surface_of(source, args.part, "--part")
@@ -170,6 +185,8 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     ours, theirs = (None if points is None else transformed(home, points) for points in pairs)
     cli_convert.check_outputs(source, part, args.out, others)
     keywords: dict[str, Any] = {"source_landmarks": ours, "target_landmarks": theirs}
+    if names:
+        keywords["landmark_names"] = names
     thing: Deck | MeshFile
     result: MorphResult | VolumeMorphResult
     try:
@@ -196,7 +213,10 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
             data = report_bytes(args.report, report, title, lambda: _figures(surface, aim, figures))
             paths[args.report].write_bytes(data)
         if args.field is not None:
-            figures.save_field(paths[args.field])
+            date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+            names = (Path(args.source).stem, Path(args.target).stem)
+            # an assembly's part was morphed in its own coordinates; other things stand in the assembly's
+            figures.kept(*names, date).placed(inverse(home)).save(paths[args.field])
     console.written = True
     if not args.quiet:
         if np.linalg.det(figures.transform[:3, :3]) < 0:  # only surfaces get here: volumes refuse
@@ -212,13 +232,14 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     return IMPERFECT if faults else DONE
 
 
-def _landmarks(paths: list[str]) -> tuple[Any, Any]:
-    """Return the two files' landmarks in pairs, or nothing where no file is given."""
+def _landmarks(paths: list[str]) -> tuple[Any, Any, Any]:
+    """Return the two files' landmarks in pairs, and their names; or nothing where no file is given."""
     if not paths:
-        return None, None
+        return None, None, None
     if len(paths) == 1:
         raise FemorsError("--source-landmarks and --target-landmarks go together; only one is given")
-    return landmarkfiles.paired(*map(landmarkfiles.read, paths))
+    source, target = map(landmarkfiles.read, paths)
+    return *landmarkfiles.paired(source, target), source.names
 
 
 def _with_file(text: str, args: argparse.Namespace) -> str:
@@ -279,6 +300,30 @@ COMMANDS = (
         help="Measure MESH: shapes of its faces, faults, volume, and its distance from OTHER.",
         options=cli_quality.options,
         run=cli_quality.run,
+    ),
+    Command(
+        name="transfer",
+        usage="FIELD.npz INPUT... -o OUTDIR [options]",
+        help="Carry meshes, decks and landmarks by the field of a morph.",
+        options=cli_transfer.options,
+        run=cli_transfer.run,
+        exit_codes=cli_transfer.EXIT_CODES,
+    ),
+    Command(
+        name="landmarks",
+        usage="TEMPLATE TARGET TEMPLATE.csv -o OUT.csv [options]",
+        help="Find the landmarks of one mesh, or of several, on TARGET: morph, and carry them along.",
+        options=cli_landmarks.options,
+        run=cli_landmarks.run,
+        exit_codes=cli_transfer.EXIT_CODES,
+    ),
+    Command(
+        name="overclosure",
+        usage="BODY... -o OUTDIR [options]",
+        help="Push bodies that overlap apart to a least gap, or only check them.",
+        options=cli_overclosure.options,
+        run=lambda args, console: cli_overclosure.run(args, console, version()),
+        exit_codes=cli_overclosure.EXIT_CODES,
     ),
 )
 """Every subcommand; a new one is a function for its options, one that runs it, and a line here."""

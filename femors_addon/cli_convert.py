@@ -17,7 +17,10 @@ from .mesh import Float, Surface
 from .meshfiles import MeshFile
 from .progress import FemorsError
 
-KINDS = "STL, PLY, OBJ; Abaqus .inp, FEBio .feb, Nastran .bdf; through meshio .vtk, .vtu, .msh, .mesh"
+KINDS = (
+    "STL, PLY, OBJ; Abaqus .inp, FEBio .feb, Nastran .bdf; VTK surfaces; "
+    "through meshio .vtk, .vtu, .msh, .mesh"
+)
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ from .examine import WORST_ASPECT, Examination, examine
 from .progress import FemorsError
 from .report_figures import mesh_figures
 from .report_files import HELP, check_ending, report_bytes
-from .versions import version
+from .version import version
 from .volume_quality import VolumeQuality
 
 

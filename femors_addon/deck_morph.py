@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ def morph_part(
     weights: ArrayLike | None = None,
     source_landmarks: ArrayLike | None = None,
     target_landmarks: ArrayLike | None = None,
+    landmark_names: Sequence[str] | None = None,
     morph: Any = None,
     preview: Preview | None = None,
 ) -> tuple[Deck, MorphResult | VolumeMorphResult]:
@@ -41,7 +43,7 @@ def morph_part(
     ----------
     deck, part : Deck, Part
     target : Surface
-    settings, progress, source_landmarks, target_landmarks
+    settings, progress, source_landmarks, target_landmarks, landmark_names
         As for `morph.morph`.
     weights : (n,) array, optional
         Of the deck's nodes, from 0 to 1: how far each may follow.
@@ -64,7 +66,11 @@ def morph_part(
     """
     mesh, nodes = deck.submesh(part)
     settings = settings or MorphSettings()
-    options: dict[str, Any] = {"source_landmarks": source_landmarks, "target_landmarks": target_landmarks}
+    options: dict[str, Any] = {
+        "source_landmarks": source_landmarks,
+        "target_landmarks": target_landmarks,
+        "landmark_names": landmark_names,
+    }
     share = None if weights is None else np.asarray(weights, dtype=float).ravel()[nodes]
     coordinates = np.array(deck.coordinates)
     if preview is not None:

@@ -9,13 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from . import feb, inp, inp_write, meshfiles, meshio_files, nastran
+from . import feb, inp, inp_write, meshfiles, meshio_files, nastran, vtk_poly
 from .deck import Deck, Load, Part
 from .files import Location, read_bytes
 from .mesh import Int
 from .meshfiles import MeshFile
 from .progress import FemorsError
 from .volume import Block, VolumeMesh
+
+
+def _read_vtk(path: Path, load: Load = read_bytes) -> Deck:
+    """Read a legacy VTK file: a surface, or an unstructured grid."""
+    data = load(path)
+    reader = vtk_poly.read if vtk_poly.is_polydata(data) else meshio_files.read
+    return reader(path, lambda _: data)
+
 
 READERS: dict[str, Any] = {
     ".inp": inp.read,
@@ -24,6 +32,7 @@ READERS: dict[str, Any] = {
     ".nas": nastran.read,
     ".fem": nastran.read,
     **dict.fromkeys(meshio_files.FORMATS, meshio_files.read),
+    ".vtk": _read_vtk,
 }
 """``read(path, load) -> Deck`` for each ending."""
 WRITERS: dict[str, Any] = {
@@ -122,7 +131,8 @@ def written(thing: Deck | MeshFile, path: Location, part: Part | None = None) ->
         return Written({path: _fresh(mesh, {}, path)}, merged)
     if part is None and same_format(thing.path, path):
         return Written(thing.outputs(path))
-    if part is None and {thing.suffix, suffix} == {".vtk", ".vtu"}:
+    known = isinstance(thing.template, meshio_files.Template)
+    if part is None and {thing.suffix, suffix} == {".vtk", ".vtu"} and known:
         assert isinstance(thing.template, meshio_files.Template)
         return Written({path: thing.template.converted(thing.coordinates, suffix)})
     mesh = thing.mesh if part is None else thing.submesh(part)[0]

@@ -51,6 +51,24 @@ class Kind:
         """Whether it has a volume; else it is a shell."""
         return len(self.faces) > 1
 
+    @property
+    def mirrored(self) -> tuple[int, ...]:
+        """The order of its nodes in which the mirror image of a valid element is valid."""
+        order = _MIRRORED[self.corners, self.solid]
+        ends = [frozenset(edge) for edge in self.edges]
+        mids = (ends.index(frozenset((order[a], order[b]))) for a, b in self.edges)
+        return (*order, *(self.corners + mid for mid in mids))
+
+
+_MIRRORED = {
+    (4, True): (0, 2, 1, 3),
+    (5, True): (0, 3, 2, 1, 4),
+    (6, True): (0, 2, 1, 3, 5, 4),
+    (8, True): (0, 3, 2, 1, 4, 7, 6, 5),
+    (3, False): (0, 2, 1),
+    (4, False): (0, 3, 2, 1),
+}
+"""By number of corners, and whether solid: its base face the other way round."""
 
 _TET: dict[str, Any] = {
     "corners": 4,

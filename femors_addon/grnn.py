@@ -22,11 +22,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import zlib
 from collections.abc import Iterator
 from functools import cached_property
-from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -109,7 +106,7 @@ class DisplacementField:
         """Evaluate queries whose nearest centre is less than `limit` spreads away."""
         if limit == math.inf:
             return self._far(points, progress)
-        cells = _Cells.of(self.centres, self.spread * math.hypot(limit, CUT))
+        cells = Cells.of(self.centres, self.spread * math.hypot(limit, CUT))
         if limit == REACHES[0]:
             grid = _Grid.fitting(self.centres, points, self.spread)
             if grid is not None and grid.cost < len(points) * cells.typical:
@@ -140,7 +137,7 @@ class DisplacementField:
     def _tree(self) -> cKDTree:
         return cKDTree(self.centres)
 
-    def _by_cells(self, cells: _Cells, points: Float, nearest: Float, progress: Progress) -> Float:
+    def _by_cells(self, cells: Cells, points: Float, nearest: Float, progress: Progress) -> Float:
         """Evaluate over the centres in the 27 cells around each query."""
         out = np.empty_like(points)
         values = np.column_stack((self.displacements, np.ones(len(self.centres)))).astype(np.float32)
@@ -186,23 +183,9 @@ class DisplacementField:
                 break
         return out
 
-    # --- files --------------------------------------------------------------------------------
-    def arrays(self) -> dict[str, Float]:
-        """Return the field as named arrays, for a file."""
-        return {
-            "centres": self.centres,
-            "displacements": self.displacements,
-            "spread": np.array(self.spread),
-        }
-
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, Float]) -> DisplacementField:
-        """Make a field of what `arrays` gave."""
-        return cls(arrays["centres"], arrays["displacements"], float(arrays["spread"]))
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Cells:
+class Cells:
     """Centres sorted into cubes of one cut-off length, so that 27 cubes hold all within reach."""
 
     size: float
@@ -212,7 +195,7 @@ class _Cells:
     order: Int  # (n,) centre indices in that order
 
     @classmethod
-    def of(cls, centres: Float, size: float) -> _Cells:
+    def of(cls, centres: Float, size: float) -> Cells:
         low = centres.min(axis=0)
         widest = WIDEST * size
         # never more cells than a 64-bit key can count
@@ -350,15 +333,3 @@ def _parts(count: int) -> list[slice]:
 def _gauss(sigma: float, radius: int) -> Float:
     kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     return kernel / kernel.sum()
-
-
-def load_arrays(path: str | Path) -> dict[str, Float]:
-    """Read an ``.npz`` file of arrays; one-line `FemorsError` where it is none."""
-    try:
-        archive = np.load(path, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise ValueError("one array, not several by name")
-        with archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, BadZipFile, zlib.error) as error:
-        raise FemorsError(f"{path}: not a readable field file ({error})") from None

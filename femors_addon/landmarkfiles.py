@@ -1,113 +1,137 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Landmarks from files: CSV with x, y, z or name, x, y, z in each row; and their pairing."""
+"""Landmarks in and out of files, by their ending: CSV, and 3D Slicer's two; and their pairing."""
 
 from __future__ import annotations
 
-import csv
 import dataclasses
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from . import landmarkcsv, markups
 from .files import Location, read_bytes, shown
 from .mesh import Float, frozen
 from .progress import FemorsError
 
-Row = tuple[int, list[str]]
+
+@dataclasses.dataclass(frozen=True)
+class _Kind:
+    parse: Callable[..., Any]
+    build: Callable[..., bytes]
+
+
+FORMATS = {
+    ".mrk.json": _Kind(markups.parse_json, markups.build_json),
+    ".json": _Kind(markups.parse_json, markups.build_json),
+    ".fcsv": _Kind(markups.parse_fcsv, markups.build_fcsv),
+    ".csv": _Kind(landmarkcsv.parse, landmarkcsv.build),
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Landmarks:
-    """Points (k, 3) float64, and their names where the file has some (else an empty tuple)."""
+    """Named points, and the rest of the file that they were read from.
+
+    Attributes
+    ----------
+    points : (k, 3) float64
+        In the axes of the meshes.
+    names : tuple of str
+        Empty where the file has none.
+    kind : str
+        The ending whose format `template` belongs to; "" for points from elsewhere.
+    template : object
+        What else was in the file.
+    space : str
+        Axes of the points: LPS or RAS.
+    """
 
     points: Float
     names: tuple[str, ...] = ()
+    kind: str = ""
+    template: Any = None
+    space: str = "LPS"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points, np.float64, 3))
 
+    def with_points(self, points: ArrayLike) -> Landmarks:
+        """Return the same landmarks at other places (k, 3)."""
+        return dataclasses.replace(self, points=np.asarray(points, dtype=np.float64))
 
-def read(path: Location) -> Landmarks:
-    """Read a CSV file (comma, semicolon or tab) with rows "x, y, z" or "name, x, y, z".
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names, or numbers from 1 where there are none."""
+        return self.names or tuple(str(number) for number in range(1, len(self.points) + 1))
 
-    A first row without numbers is a header; where it names x, y and z, it says which columns they are.
-    Empty rows and rows that begin with # are passed over.
+
+def is_landmarks(path: Location) -> bool:
+    """Whether a path's ending is that of a landmark file."""
+    return _ending(path) in FORMATS
+
+
+def ending_of(path: Location) -> str:
+    """Return the ending of a landmark file; raise `FemorsError` where it is no known one."""
+    ending = _ending(path)
+    if ending not in FORMATS:
+        raise FemorsError(f"{path}: is no kind of landmark file; use {', '.join(FORMATS)}")
+    return ending
+
+
+def _ending(path: Location) -> str:
+    name = os.path.basename(os.fspath(path)).lower()
+    return next((ending for ending in FORMATS if name.endswith(ending)), "")
+
+
+def read(path: Location, space: str = "LPS") -> Landmarks:
+    """Read a CSV, ``.fcsv`` or ``.mrk.json`` file; what is none of the others is read as CSV.
+
+    Parameters
+    ----------
+    space : {"LPS", "RAS"}
+        The axes of the meshes: points of a file of 3D Slicer are turned into them. A CSV file says
+        nothing of axes, and is taken as it is.
 
     Raises
     ------
     FemorsError
-        One line that names the file, the line and what was expected.
+        One line that names the file, where possible the line, and what was expected.
     """
     data = read_bytes(path)
+    kind = _ending(path) or ".csv"
     try:
-        rows = _rows(data)
-        header = rows.pop(0)[1] if rows and not any(map(_is_number, rows[0][1])) else []
-        if not rows:
-            raise FemorsError("has no landmarks; rows 'x, y, z' or 'name, x, y, z' are needed")
-        columns, name = _columns(header, rows[0])
-        points = np.array([_point(row, columns, name) for row in rows])
-        names = tuple(cells[name] for _, cells in rows) if name is not None else ()
+        points, names, template = FORMATS[kind].parse(data, space)
         _check_names(names)
     except FemorsError as error:
         raise FemorsError(f"{path}: {error}") from None
-    return Landmarks(points, names if all(names) else ())
+    return Landmarks(points, names if all(names) else (), kind, template, space)
 
 
-def _rows(data: bytes) -> list[Row]:
-    """Return (line number, cells) of the rows that say something."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    delimiter = next((mark for mark in ";\t" if mark in text), ",")
-    rows: list[Row] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            try:
-                (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-            except (csv.Error, ValueError):
-                raise FemorsError(f"line {number}: is not a row of a CSV file") from None
-            rows.append((number, [cell.strip() for cell in cells]))
-    return rows
+def encoded(path: Location, marks: Landmarks, beside: Mapping[str, Sequence[object]] | None = None) -> bytes:
+    """Return the bytes of a landmark file of the kind that the path's ending says.
 
+    Landmarks that were read from the same kind keep all else that was in their file.
 
-def _columns(header: list[str], first: Row) -> tuple[list[int], int | None]:
-    """Return the columns of x, y and z, and that of the name."""
-    titles = [title.lower() for title in header]
-    if {"x", "y", "z"} <= set(titles):
-        columns = [titles.index(axis) for axis in "xyz"]
-        return columns, next((i for i in range(len(titles)) if i not in columns), None)
-    number, cells = first
-    if len(cells) not in (3, 4):
-        raise FemorsError(f"line {number}: 'x, y, z' or 'name, x, y, z' is needed, not {len(cells)} values")
-    return ([0, 1, 2], None) if len(cells) == 3 else ([1, 2, 3], 0)
-
-
-def _point(row: Row, columns: list[int], name: int | None) -> list[float]:
-    number, cells = row
-    needed = 1 + max([*columns, name or 0])
-    if len(cells) < needed:
-        raise FemorsError(f"line {number}: {needed} values are needed, not {len(cells)}")
-    wrong = next((cells[c] for c in columns if not _is_number(cells[c])), None)
-    if wrong is not None:
-        raise FemorsError(f"line {number}: '{shown(wrong.encode())}' is not a number")
-    point = [float(cells[c]) for c in columns]
-    if not np.isfinite(point).all():
-        raise FemorsError(f"line {number}: the coordinates are not finite numbers")
-    return point
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell  # Python reads 1_000 as a thousand
+    Parameters
+    ----------
+    beside : mapping of str to sequence
+        More columns of a CSV file, which is then made from scratch; the other kinds have no room for them.
+    """
+    kind = ending_of(path)
+    same = marks.kind and FORMATS[marks.kind] == FORMATS[kind]
+    template = marks.template if same else None
+    if FORMATS[kind].parse is landmarkcsv.parse:
+        return landmarkcsv.build(marks.points, marks.names, template, beside=beside)
+    return FORMATS[kind].build(marks.points, marks.labels, template, marks.space)
 
 
 def _check_names(names: tuple[str, ...]) -> None:
     if all(names) and len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise FemorsError(f"the name '{shown(twice.encode())}' stands twice")
+        raise FemorsError(f"the name '{shown(twice.encode())}' stands twice; give each landmark its own")
 
 
 def paired(source: Landmarks, target: Landmarks) -> tuple[Float, Float]:

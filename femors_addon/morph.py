@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,7 @@ from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
 from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
 from .schedule import CARRY, Stage, node_counts, stages
+from .steer import Pairs, Pull, Steering
 from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
@@ -47,6 +49,7 @@ def morph(
     weights: ArrayLike | None = None,
     source_landmarks: ArrayLike | None = None,
     target_landmarks: ArrayLike | None = None,
+    landmark_names: Sequence[str] | None = None,
     preview: Preview | None = None,
 ) -> MorphResult:
     """Morph `source` onto `target`.
@@ -64,7 +67,9 @@ def morph(
         Share, in [0, 1], of the deformation that each source vertex takes. The alignment moves the
         whole mesh all the same.
     source_landmarks, target_landmarks : (k, 3) arrays, optional
-        Paired landmarks that the alignment starts from.
+        Paired landmarks that the alignment starts from, and that pull with `MorphSettings.steer`.
+    landmark_names : sequence of str, optional
+        What the pairs are called in warnings; numbers from 1 where not given.
     preview : Preview, optional
         Given the source's vertices after the alignment, each iteration and each round of relaxation.
 
@@ -85,7 +90,8 @@ def morph(
         clean(source.vertices, source.faces, "source"),
         clean(target.vertices, target.faces, "target"),
     )
-    work = _Work.begun(ours, theirs, settings, _paired(source_landmarks, target_landmarks), progress)
+    pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
+    work = _Work.begun(ours, theirs, settings, pairs, progress)
     weight = _clean_weights(weights, ours, len(source.vertices))
     # whatever may move at all is morphed as a whole, and takes its share of it in the end
     free = None if weight is None else (weight > 0).astype(float)
@@ -109,6 +115,10 @@ def morph(
     spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
     field = DisplacementField(work.aligned.vertices, displacement, spread)
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
+    if work.pairs is not None:
+        warnings += work.pairs.warnings()
+    elif settings.steer:
+        warnings.append("landmarks were to pull, but no pairs of them are given")
     if weights is not None and settings.alignment != "none":
         warnings.append(
             "weights limit the deformation, not the alignment; choose no alignment to keep parts still"
@@ -125,7 +135,17 @@ def morph(
         part(progress, 0.88, 1.0),
         weighted=weights is not None,
     )
-    return dataclasses.replace(result, seconds=time.process_time() - started)
+    steering = None if work.pairs is None else _steered(result, work.pairs, settings)
+    return dataclasses.replace(result, steering=steering, seconds=time.process_time() - started)
+
+
+def _steered(result: MorphResult, pairs: Pairs, settings: MorphSettings) -> Steering:
+    """Measure what is left between the landmarks."""
+    aligned = transformed(result.transform, pairs.source)
+    apart = [
+        np.linalg.norm(points - pairs.target, axis=1) for points in (aligned, result.apply(pairs.source))
+    ]
+    return Steering(pairs.names, apart[0], apart[1], pairs.good, settings.steer)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,6 +159,16 @@ class _Work:
     sources: list[Surface]  # from the coarsest level to the dense one
     targets: list[Surface]
     size: float
+    pairs: Pairs | None
+    weight: float  # of the landmarks' pull
+
+    def pull(self, level: int) -> Pull | None:
+        """What the landmarks do on a level; None where they do nothing."""
+        if self.pairs is None or self.weight == 0:
+            return None
+        good = self.pairs.good
+        source = transformed(self.alignment.matrix, self.pairs.source[good])
+        return Pull(self.sources[level], source, self.pairs.target[good], self.index, self.size, self.weight)
 
     @classmethod
     def begun(
@@ -146,10 +176,11 @@ class _Work:
         ours: Cleaned,
         theirs: Cleaned,
         settings: MorphSettings,
-        landmarks: tuple[Float, Float] | None,
+        pairs: Pairs | None,
         progress: Progress,
     ) -> _Work:
         target = theirs.surface
+        landmarks = None if pairs is None else (pairs.source[pairs.good], pairs.target[pairs.good])
         alignment = align(
             ours.surface,
             target,
@@ -160,6 +191,8 @@ class _Work:
             landmarks=landmarks,
             progress=part(progress, 0.0, 0.2),
         )
+        if pairs is not None and settings.alignment != "none":
+            pairs = pairs.after(alignment.matrix, target.diagonal)
         moved = transformed(alignment.matrix, ours.surface.vertices)
         rest, aligned, onto = ours.surface, ours.surface.moved(moved), alignment.matrix
         if np.linalg.det(onto[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
@@ -175,15 +208,20 @@ class _Work:
         levels = pyramid(upright, counts[0])
         sources = [*(level.moved(transformed(onto, level.vertices)) for level in levels), aligned]
         targets = [*pyramid(target, counts[1]), target]
-        return cls(alignment, rest, aligned, SurfaceIndex(target), sources, targets, target.diagonal)
+        weight = settings.landmark_weight if settings.steer else 0.0
+        index, size = SurfaceIndex(target), target.diagonal
+        return cls(alignment, rest, aligned, index, sources, targets, size, pairs, weight)
 
 
-def _paired(source: ArrayLike | None, target: ArrayLike | None) -> tuple[Float, Float] | None:
+def _paired(
+    source: ArrayLike | None, target: ArrayLike | None, names: Sequence[str] | None, size: float
+) -> Pairs | None:
     if source is None and target is None:
         return None
     if source is None or target is None:
         raise FemorsError("landmarks are needed on both meshes, in the same order")
-    return np.asarray(source, dtype=float).reshape(-1, 3), np.asarray(target, dtype=float).reshape(-1, 3)
+    one, two = (np.asarray(points, dtype=float).reshape(-1, 3) for points in (source, target))
+    return Pairs.of(one, two, names, size)
 
 
 def _clean_weights(weights: ArrayLike | None, ours: Cleaned, count: int) -> Float | None:
@@ -246,6 +284,7 @@ def _run(
     target = Target.of(work.index, aim)
     mean = averaging(rest)
     share = None if free is None else _at_level(work, stage.level, free)
+    pull = work.pull(stage.level)
     calm, count = False, len(stage.iterations)
     published = settings.correspondence == "nearest"
     for number, iteration in enumerate(stage.iterations):
@@ -260,6 +299,8 @@ def _run(
         given = widening(field, moved.vertices) if settings.partial == "target" else field(moved.vertices)
         step = stage.step_scale * given
         after = slide(moved, displacement + step, mean, settings.sliding)
+        if pull is not None:
+            after = pull(after, iteration.spread)
         step = (after - displacement) if share is None else share[:, None] * (after - displacement)
         if rest is work.aligned:
             step = guarded(rest, displacement, step, mean)

@@ -4,22 +4,24 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .align import transformed
-from .files import replacing
-from .grnn import DisplacementField, load_arrays
-from .mesh import Cleaned, Float, Surface
+from .carry import Carrier
+from .files import Location
+from .grnn import DisplacementField
+from .keptfield import KeptField
+from .mesh import Cleaned, Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
-from .progress import FemorsError, Progress
+from .progress import Progress
 from .quality import Comparison, compare
+from .steer import Steering
 
-LAYOUT = 1  # of the field's file
 REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfaces are closer than an
 # edge and this
 
@@ -63,7 +65,11 @@ class MorphResult:
     transform : (4, 4) float64
         The alignment: source to aligned source.
     field : DisplacementField
-        From aligned positions to displacements.
+        From aligned positions to displacements; its centres are the cleaned source's nodes.
+    faces : (m, 3) int32
+        Triangles over the field's centres, outward.
+    residual : (c,) float64
+        Distance of each morphed centre to the target's surface.
     history : tuple of Step
     converged : bool
         Whether the two surfaces have come together: see `stop_reason`.
@@ -79,11 +85,15 @@ class MorphResult:
     settings : MorphSettings
     seconds : float
         CPU time of the whole.
+    steering : Steering, optional
+        What became of paired landmarks.
     """
 
     vertices: Float
     transform: Float
     field: DisplacementField
+    faces: Int
+    residual: Float
     history: tuple[Step, ...]
     converged: bool
     stop_reason: str
@@ -94,15 +104,48 @@ class MorphResult:
     displacement: Float
     settings: MorphSettings
     seconds: float
+    steering: Steering | None = None
 
     def apply(self, points: ArrayLike) -> Float:
-        """Carry points (k, 3) of the source's space along: alignment, then field.
+        """Carry points (k, 3) of the source's space along; see `carry.Carrier.carry`.
 
-        The field is a weighted mean: at the source's own nodes it differs from `vertices` by a
-        fraction of a millimetre on a femur, by more where neighbours moved differently.
+        A point of the surface stays in its triangle, a point off it keeps its offset, and far away the
+        deformation fades out until the alignment alone is left.
         """
-        aligned = transformed(self.transform, np.asarray(points, dtype=float).reshape(-1, 3))
-        return aligned + self.field(aligned)
+        return self._carrier.carry(points).points
+
+    @cached_property
+    def _carrier(self) -> Carrier:
+        return Carrier(self.kept())
+
+    def kept(self, source: str = "", target: str = "", date: str = "") -> KeptField:
+        """Return alignment and displacement as a thing of their own, named after the pair.
+
+        Parameters
+        ----------
+        source, target : str
+            What the two are called.
+        date : str
+            When it was made, ISO 8601.
+        """
+        figures = {
+            "vertices": len(self.vertices),
+            "stop_reason": self.stop_reason,
+            "target_to_surface": self.after.target_to_surface.as_dict(),
+            "surface_to_target": self.after.surface_to_target.as_dict(),
+        }
+        return KeptField(
+            self.transform,
+            self.field.centres,
+            self.field.displacements,
+            self.faces,
+            self.residual,
+            self.field.spread,
+            source,
+            target,
+            date,
+            figures,
+        )
 
     def report(self) -> dict[str, Any]:
         """Return everything but the arrays, for JSON."""
@@ -116,6 +159,7 @@ class MorphResult:
             "after": self.after.as_dict(),
             "history": [dataclasses.asdict(step) for step in self.history],
             "cpu_seconds": round(self.seconds, 3),
+            **({} if self.steering is None else {"landmarks": self.steering.as_dict()}),
         }
 
     def summary(self) -> str:
@@ -133,37 +177,14 @@ class MorphResult:
             lines.append(f"{label:28}{getattr(self.before, name)!s:44}{getattr(self.after, name)!s}")
         for label, name in (("flipped faces", "flipped"), ("self-intersecting faces", "self_intersecting")):
             lines.append(f"{label:28}{getattr(self.before, name):<44}{getattr(self.after, name)}")
+        if self.steering is not None:
+            lines.append(self.steering.sentence())
         lines.append(f"{self.stop_reason}; {self.seconds:.1f} s of CPU time")
         return "\n".join(lines)
 
-    def save_field(self, path: str | Path) -> None:
-        """Write alignment and field as ``.npz``: layout, transform, centres, displacements, spread."""
-        with replacing(path) as (temporary,), open(temporary, "wb") as file:
-            np.savez_compressed(file, layout=LAYOUT, transform=self.transform, **self.field.arrays())
-
-
-def load_field(path: str | Path) -> tuple[Float, DisplacementField]:
-    """Read what `MorphResult.save_field` wrote: the alignment (4, 4) and the field.
-
-    Raises
-    ------
-    FemorsError
-        Not such a file, cut short, or of a newer layout.
-    """
-    arrays = load_arrays(path)
-    try:
-        if int(arrays["layout"]) > LAYOUT:
-            raise FemorsError(f"was written by a newer version (layout {int(arrays['layout'])})")
-        transform = arrays["transform"].astype(np.float64).reshape(4, 4)
-        if not np.isfinite(transform).all():
-            raise FemorsError("its transform is not finite")
-        return transform, DisplacementField.from_arrays(arrays)
-    except KeyError as error:
-        raise FemorsError(f"{path}: is not a field file ({error.args[0]} is missing)") from None
-    except FemorsError as error:
-        raise FemorsError(f"{path}: {error}") from None
-    except (TypeError, ValueError):
-        raise FemorsError(f"{path}: is not a field file (its arrays are of another kind)") from None
+    def save_field(self, path: Location, source: str = "", target: str = "", date: str = "") -> None:
+        """Write what `kept` returns as an ``.npz`` file; `keptfield.load` reads it."""
+        self.kept(source, target, date).save(path)
 
 
 def result_of(
@@ -197,8 +218,16 @@ def result_of(
     vertices = np.empty_like(source.vertices)
     used = ours.vertex_map >= 0
     vertices[used] = morphed.vertices[ours.vertex_map[used]]
-    loose = transformed(matrix, source.vertices[~used])
-    vertices[~used] = loose + field(loose)
+    if not used.all():
+        kept = KeptField(
+            matrix,
+            field.centres,
+            field.displacements,
+            aligned.faces,
+            np.zeros(len(field.centres)),
+            field.spread,
+        )
+        vertices[~used] = Carrier(kept).carry(source.vertices[~used]).points
     movement = np.linalg.norm(vertices - transformed(matrix, source.vertices), axis=1)
     progress(0.2, "measuring")
     distance = np.zeros(len(vertices))
@@ -223,6 +252,8 @@ def result_of(
         vertices=vertices,
         transform=matrix,
         field=field,
+        faces=aligned.faces,
+        residual=clean_distance,
         history=history,
         converged=converged,
         stop_reason=reason,

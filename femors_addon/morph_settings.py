@@ -68,6 +68,20 @@ class MorphSettings:
     fix_mirror: bool = setting(
         False, "Mirror if better", "Mirror the source when it fits the target as the other side (left, right)"
     )
+    steer: bool = setting(
+        False,
+        "Landmarks pull",
+        "Paired landmarks not only align, but also pull the source onto them all the way",
+    )
+    landmark_weight: float = setting(
+        1.0,
+        "Landmark weight",
+        "Share of what is left between paired landmarks that each pull takes",
+        minimum=0.0,
+        maximum=1.0,
+        unit="factor",
+        advanced=True,
+    )
     correspondence: str = setting(
         "mixed",
         "Correspondence",

@@ -4,20 +4,11 @@
 from __future__ import annotations
 
 import platform
-import tomllib
-from pathlib import Path
 
 import numpy
 import scipy
 
-
-def version() -> str:
-    """Return the version, which stands in the extension's manifest and nowhere else."""
-    manifest = Path(__file__).parent.parent / "blender_manifest.toml"
-    try:
-        return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
-    except OSError:
-        return "unknown (blender_manifest.toml is missing)"
+from .version import version
 
 
 def versions() -> dict[str, str]:

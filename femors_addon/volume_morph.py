@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
-from scipy.sparse.linalg import cg
 
 from .align import transformed
 from .grnn import DisplacementField
+from .interior import harmonic, stiffness
 from .mesh import Float, Int, Surface, clean
 from .morph import morph
 from .morph_result import MorphResult
@@ -211,9 +210,12 @@ def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertice
     moved[ours.vertex_map[used]] = vertices[used]
     distance = index.closest(vertices).distance
     aligned = transformed(result.transform, surface.vertices)
+    field = dataclasses.replace(result.field, displacements=moved - result.field.centres)
     return dataclasses.replace(
         result,
         vertices=vertices,
+        field=field,
+        residual=index.closest(moved).distance,
         surface_distance=distance,
         displacement=np.linalg.norm(vertices - aligned, axis=1),
         after=compare(ours.surface, ours.surface.moved(moved), theirs.surface, target_index=index),
@@ -221,29 +223,6 @@ def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertice
 
 
 # --- interior ---------------------------------------------------------------------------------------
-def element_edges(mesh: VolumeMesh) -> Int:
-    """Return (e, 2) unique edges between corner nodes, lower index first."""
-    pairs = [np.zeros((0, 2), np.int64)]
-    for block in mesh.blocks:
-        for face in block.shape.faces:
-            for one, two in zip(face, face[1:] + face[:1], strict=True):
-                pairs.append(np.sort(block.nodes[:, [one, two]].astype(np.int64), axis=1))
-    keys = np.unique(np.concatenate(pairs) @ np.array([len(mesh.nodes), 1]))
-    edges = np.column_stack(np.divmod(keys, max(len(mesh.nodes), 1)))
-    return edges[edges[:, 0] != edges[:, 1]].astype(np.int32)
-
-
-def stiffness(mesh: VolumeMesh) -> sparse.csr_matrix:
-    """Return the (n, n) Laplacian of the edges, each as stiff as the inverse square of its length."""
-    one, two = element_edges(mesh).T
-    squared = np.sum((mesh.nodes[one] - mesh.nodes[two]) ** 2, axis=1)
-    weight = 1.0 / np.maximum(squared, 1e-12 * max(float(np.mean(squared)), 1e-300))
-    n = len(mesh.nodes)
-    half = sparse.csr_matrix((weight, (one, two)), shape=(n, n))
-    both = half + half.T
-    return (sparse.diags(np.asarray(both.sum(axis=1)).ravel()) - both).tocsr()
-
-
 def _with_interior(aligned: VolumeMesh, goal: Float, at: Int, kept: Int, edge: float) -> Float:
     """Return `goal` (n, 3) with all nodes but those `kept` moved by the harmonic extension."""
     displacement = goal - aligned.nodes
@@ -251,16 +230,7 @@ def _with_interior(aligned: VolumeMesh, goal: Float, at: Int, kept: Int, edge: f
     inside[kept] = False
     field = DisplacementField(aligned.nodes[at], displacement[at], SPREAD * edge)
     displacement[inside] = field(aligned.nodes[inside])
-    laplacian = stiffness(aligned)
-    solved = inside & (laplacian.diagonal() > 0)  # corner nodes; mid-side and loose ones have no edges
-    rows = laplacian[solved]
-    system, load = rows[:, solved].tocsr(), -(rows[:, ~solved] @ displacement[~solved])
-    if solved.any():
-        scale = sparse.diags(1.0 / system.diagonal())
-        for axis in range(3):
-            displacement[solved, axis] = cg(
-                system, load[:, axis], x0=displacement[solved, axis], rtol=1e-6, maxiter=400, M=scale
-            )[0]
+    displacement = harmonic(stiffness(aligned), displacement, inside)
     return carry_mid_nodes(aligned, aligned.nodes + displacement)
 
 

@@ -5,19 +5,37 @@ from __future__ import annotations
 
 import bpy
 
-from . import animate, command, decks, dependencies, heat, job, morph, presets, props, quality, report
+from . import (
+    animate,
+    command,
+    decks,
+    dependencies,
+    heat,
+    job,
+    landmarks,
+    morph,
+    overclosure,
+    presets,
+    props,
+    quality,
+    report,
+    transfer,
+)
 
 TOOLS = (*quality.classes, *report.classes, *animate.classes, *presets.classes)
 
 
 def register() -> None:
     """Register properties, operators and the command line."""
-    dependencies.missing.cache_clear()
+    dependencies.forget()
     props.register()
     job.register()
     for cls in morph.classes:
         bpy.utils.register_class(cls)
     decks.register()
+    overclosure.register()
+    transfer.register()
+    landmarks.register()
     heat.register()
     for cls in TOOLS:
         bpy.utils.register_class(cls)
@@ -30,6 +48,9 @@ def unregister() -> None:
     for cls in reversed(TOOLS):
         bpy.utils.unregister_class(cls)
     heat.unregister()
+    landmarks.unregister()
+    transfer.unregister()
+    overclosure.unregister()
     decks.unregister()
     job.unregister()
     for cls in reversed(morph.classes):

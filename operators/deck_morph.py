@@ -141,13 +141,18 @@ def morph(
 
 def remember(item: bpy.types.Object, morphed: PartMorph, kind: str) -> None:
     """Keep the exact nodes with the mesh, or the shape key, that they were written to."""
+    remember_nodes(item, morphed.known, kind)
+
+
+def remember_nodes(item: bpy.types.Object, known: Array, kind: str) -> None:
+    """Keep exact local nodes (n, 3) with the mesh, or the shape key, that they were written to."""
     mesh = item.data
     if kind == "SHAPE_KEY":
         key = mesh.shape_keys.key_blocks[item.active_shape_key_index].name
-        deck_scene.remember(mesh, morphed.known, key)
+        deck_scene.remember(mesh, known, key)
         return
     deck_scene.forget_keys(mesh)
-    deck_scene.remember(mesh, morphed.known)
+    deck_scene.remember(mesh, known)
 
 
 def sentences(morphed: Any) -> tuple[list[str], list[str]]:

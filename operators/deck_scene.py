@@ -170,13 +170,14 @@ def shot(item: bpy.types.Object, keys: bool = False) -> PartShot:
     ids = np.empty(len(mesh.vertices), dtype=np.int32)
     attribute.data.foreach_get("value", ids)
     base = Shape(base_positions(mesh), _known(mesh.get(KNOWN)))
-    offsets = _keys(item) if keys else ()
+    offsets = shape_keys(item) if keys else ()
     if len(offsets) == 1 and offsets[0].whole:
         base, offsets = offsets[0].shape, ()  # the key itself, not a sum that rounds
     return PartShot(item.name, mesh.femors.part, ids, base, offsets)
 
 
-def _keys(item: bpy.types.Object) -> tuple[Key, ...]:
+def shape_keys(item: bpy.types.Object) -> tuple[Key, ...]:
+    """Return the shape keys of an object that count, as it is seen; also of one that is not of a deck."""
     keys = item.data.shape_keys
     if keys is None:
         return ()

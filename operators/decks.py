@@ -17,6 +17,7 @@ from . import deck_export, deck_scene, deck_store, dependencies
 
 ENDINGS = (".inp", ".feb", ".bdf", ".nas", ".fem", ".vtk", ".vtu", ".msh", ".mesh")
 """Those of `femors_addon.deckfiles`, which takes SciPy to import; a test compares them."""
+LANDMARKS = "Landmarks (.csv, .fcsv, .mrk.json)"
 LABEL = "FE model (.inp, .feb, .vtu ...)"
 GLOB = ";".join(f"*{ending}" for ending in ENDINGS)
 
@@ -188,13 +189,15 @@ class FEMORS_FH_deck(bpy.types.FileHandler):
 
 
 def draw_import(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entry of File > Import."""
+    """Draw the entries of File > Import, those of `landmarks` too."""
     self.layout.operator("femors.import_deck", text=LABEL)
+    self.layout.operator("femors.import_landmarks", text=LANDMARKS)
 
 
 def draw_export(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Draw the entry of File > Export."""
+    """Draw the entries of File > Export, those of `landmarks` too."""
     self.layout.operator("femors.export_deck", text=LABEL)
+    self.layout.operator("femors.export_landmarks", text=LANDMARKS)
 
 
 classes = (FEMORS_OT_import_deck, FEMORS_OT_export_deck, FEMORS_FH_deck)

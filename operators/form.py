@@ -15,6 +15,9 @@ from ..femors_addon.settings import specs
 
 T = TypeVar("T")
 
+FIELD = "femors_field"
+"""Custom property of a Text that holds a field: the bytes of its file."""
+
 
 def exact(value: float) -> float:
     """Return the short decimal behind a single-precision number: 0.95 where Blender has 0.94999999."""
@@ -26,7 +29,13 @@ def read_settings(properties: Any, cls: type[T], presets: dict[str, T]) -> T:
 
     The preset's values hold, except for those that the caller has set.
     """
-    values = dataclasses.asdict(presets[properties.preset])  # type: ignore[call-overload]
+    return given_settings(properties, presets[properties.preset])
+
+
+def given_settings(properties: Any, base: T) -> T:
+    """Return settings with those values in place that the caller of an operator has set."""
+    cls = type(base)
+    values = dataclasses.asdict(base)  # type: ignore[call-overload]
     for name, (field, _) in specs(cls).items():
         if properties.is_property_set(name):
             value = getattr(properties, name)
@@ -57,6 +66,34 @@ def preset_chosen(form: Any, context: Any) -> None:
     fill_from_preset(form, MorphSettings, PRESETS)
 
 
+def is_field(form: Any, item: Any) -> bool:
+    """Whether a picker offers this text: one that holds a field."""
+    return FIELD in item.keys()  # noqa: SIM118  (a Text is no dict)
+
+
 def is_mesh(form: Any, item: Any) -> bool:
     """Whether a picker offers this object: a mesh, and not one that was deleted."""
     return item.type == "MESH" and bool(item.users_scene)
+
+
+def pair_chosen(form: Any, context: Any) -> None:
+    """Select and frame both objects of the pair that the user clicks in the table."""
+    import bpy  # here, or the module would know it; see above
+
+    if not 0 <= form.pair_index < len(form.pairs) or context.mode != "OBJECT":
+        return
+    pair = form.pairs[form.pair_index]
+    objects = context.view_layer.objects
+    items = [objects[name] for name in (pair.one, pair.two) if name in objects]
+    for other in context.selected_objects:
+        other.select_set(False)
+    for item in items:
+        item.select_set(True)
+    if items:
+        objects.active = items[0]
+    areas = [context.area, *(context.screen.areas if context.screen else ())]
+    area = next((area for area in areas if area is not None and area.type == "VIEW_3D"), None)
+    if area is not None and context.selected_objects:
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        with context.temp_override(area=area, region=region):
+            bpy.ops.view3d.view_selected()

@@ -13,7 +13,7 @@ import numpy as np
 from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.progress import FemorsError
 from ..femors_addon.settings import check, specs
-from . import deck_morph, dependencies, result, scene
+from . import deck_morph, dependencies, fields, result, scene
 from .form import fill_from_preset, read_settings
 from .job import Compute, JobOperator
 from .props import ARGUMENT, RESULT_OPTIONS, add_properties, result_properties, setting_properties
@@ -100,12 +100,11 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
             raise FemorsError(f"Source and target are the same object, '{source.name}': choose two")
         result.check_writable(source, self.result, self.use_evaluated)
         seen = self.use_evaluated and self.result == "NEW"
-        self._source = scene.snapshot(context, source, seen, self.vertex_group, self.use_landmarks)
-        self._target = scene.snapshot(context, target, self.use_evaluated, landmarks=self.use_landmarks)
-        ours, theirs = (
-            scene.paired_landmarks(self._source, self._target) if self.use_landmarks else (None, None)
-        )
-        landmarks = {"source_landmarks": ours, "target_landmarks": theirs}
+        paired = self.use_landmarks or settings.steer
+        self._source = scene.snapshot(context, source, seen, self.vertex_group, paired)
+        self._target = scene.snapshot(context, target, self.use_evaluated, landmarks=paired)
+        pairs = scene.paired_landmarks(self._source, self._target) if paired else (None, None, None)
+        landmarks = dict(zip(("source_landmarks", "target_landmarks", "landmark_names"), pairs, strict=True))
         aim = deck_morph.surface_of(target, self._target)
         part = deck_morph.source_of(source, self._source)
         preview = self.watch(self._source.vertices, self._source.triangles)
@@ -141,6 +140,7 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         if isinstance(morphed, deck_morph.PartMorph):
             deck_morph.remember(item, morphed, self.result)
         item.femors.report = report
+        item.femors.field = fields.keep(morphed.kept(self._source.name, self._target.name, fields.now()))
         if self.hide_target and target.visible_get():
             target.hide_set(True)
         return self._line(item, morphed, note)
@@ -157,7 +157,8 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         median, p99, most = (f"{x:.3g}" if abs(x) > NOTHING else "0" for x in figures)
         elements, faults = deck_morph.sentences(morphed)
         distances = f"distance {word} '{self._target.name}': median {median}, 99 % {p99}, max {most}"
-        line = "; ".join([f"'{item.name}': {distances}", *elements, f"{morphed.stop_reason}{note}"])
+        steered = [morphed.steering.sentence()] if morphed.steering is not None else []
+        line = "; ".join([f"'{item.name}': {distances}", *elements, *steered, f"{morphed.stop_reason}{note}"])
         faults += morphed.warnings
         if after.flipped or after.self_intersecting:
             faults.append(f"{after.flipped} flipped and {after.self_intersecting} self-intersecting faces")

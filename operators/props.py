@@ -26,6 +26,12 @@ RESULTS = (
     ("IN_PLACE", "In Place", "Move the vertices of the source itself"),
 )
 
+ROLES = (
+    ("DEFORMABLE", "Deformable", "Takes its share of the way apart", "MOD_SIMPLEDEFORM", 0),
+    ("RIGID", "Rigid", "Stays as it is, to the last bit", "LOCKED", 1),
+)
+"""What a body does where overclosures are removed."""
+
 RESULT_OPTIONS = ("result", "vertex_group", "use_evaluated", "use_landmarks", "hide_target")
 """Names of `result_properties`."""
 
@@ -159,6 +165,27 @@ class FEMORS_PG_object(bpy.types.PropertyGroup):
     )
     quality: bpy.props.StringProperty(
         name="Quality", description="Figures of this mesh as it was measured, as JSON", options={"HIDDEN"}
+    )
+    role: bpy.props.EnumProperty(
+        name="Role",
+        description="Whether this body may be moved where overclosures are removed",
+        items=ROLES,
+        options=set(FORM),
+    )
+    share: bpy.props.FloatProperty(
+        name="Share",
+        description="How much of the way apart this body takes: of a pair, each by its share of their sum",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        options=set(FORM),
+    )
+    field: bpy.props.PointerProperty(
+        type=bpy.types.Text,
+        name="Field",
+        description="The text that keeps the field of the morph that made this shape",
+        options={"HIDDEN"},
     )
 
 

@@ -42,6 +42,17 @@ def check_writable(source: bpy.types.Object, kind: str, evaluated: bool) -> None
         )
 
 
+def check_groups(target: bpy.types.Object) -> None:
+    """Raise `FemorsError` where an object cannot be given vertex groups."""
+    for block in (target, target.data):
+        if block.library is not None or block.override_library is not None:
+            raise FemorsError(
+                f"'{target.name}' is linked from another file and takes no vertex groups: make it local first"
+            )
+    if target.mode == "EDIT":
+        raise FemorsError(f"'{target.name}' is in Edit Mode: leave it first (Tab)")
+
+
 def new_object(
     context: bpy.types.Context,
     source: bpy.types.Object,
@@ -127,17 +138,23 @@ def _show(context: bpy.types.Context, item: bpy.types.Object) -> None:
     layer.objects.active = item
 
 
-def shape_key(source: bpy.types.Object, local: Array, attributes: dict[str, Array], target_name: str) -> str:
+def shape_key(
+    source: bpy.types.Object,
+    local: Array,
+    attributes: dict[str, Array],
+    target_name: str,
+    prefix: str = KEY_PREFIX,
+) -> str:
     """Add a shape key with the morphed positions, at value 1; return what else there is to say."""
-    note = _single_user(source)
+    note = single_user(source)
     mesh = source.data
     _write_attributes(mesh, attributes)
     if mesh.shape_keys is None:
         source.shape_key_add(name="Basis", from_mix=False)
     for earlier in mesh.shape_keys.key_blocks:
-        if earlier.name.startswith(KEY_PREFIX):
+        if earlier.name.startswith(prefix):
             earlier.value = 0.0  # two morphs at full value would add up to a third shape
-    key = source.shape_key_add(name=KEY_PREFIX + target_name, from_mix=False)
+    key = source.shape_key_add(name=prefix + target_name, from_mix=False)
     key.data.foreach_set("co", np.ascontiguousarray(local, dtype=np.float32).ravel())
     key.value = 1.0
     source.active_shape_key_index = len(mesh.shape_keys.key_blocks) - 1
@@ -150,7 +167,7 @@ def shape_key(source: bpy.types.Object, local: Array, attributes: dict[str, Arra
 
 def in_place(source: bpy.types.Object, local: Array, attributes: dict[str, Array], inside_out: bool) -> str:
     """Move the source's own vertices; return what else there is to say."""
-    note = _single_user(source)
+    note = single_user(source)
     _write_attributes(source.data, attributes)
     _write_positions(source.data, local)
     if inside_out:
@@ -158,7 +175,7 @@ def in_place(source: bpy.types.Object, local: Array, attributes: dict[str, Array
     return note
 
 
-def _single_user(source: bpy.types.Object) -> str:
+def single_user(source: bpy.types.Object) -> str:
     """Give the source a mesh of its own where other objects use the same; say so."""
     mesh = source.data
     others = mesh.users - int(mesh.use_fake_user) - 1
@@ -169,6 +186,7 @@ def _single_user(source: bpy.types.Object) -> str:
 
 
 def _write_positions(mesh: bpy.types.Mesh, local: Array) -> None:
+    """Write local positions (n, 3) to a mesh without shape keys."""
     if len(local) != len(mesh.vertices):
         raise FemorsError(
             f"the mesh has {len(mesh.vertices)} vertices and the result {len(local)}: run it again"

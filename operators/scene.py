@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
+from . import marks
 
 Array = NDArray[Any]
 
@@ -113,6 +114,15 @@ def snapshot(
         world = positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
         weights = group_weights(item, mesh, group) if group else None
         points = {n: world[i] for n, i in landmark_vertices(item, mesh).items()} if landmarks else {}
+        if landmarks:
+            children = marks.children(item)
+            twice = sorted(set(points) & set(children))
+            if twice:
+                raise FemorsError(
+                    f"'{item.name}' has the landmark '{twice[0]}' twice, as a vertex group and as an empty: "
+                    "rename one of them"
+                )
+            points |= children
     finally:
         if evaluated:
             bpy.data.meshes.remove(mesh)
@@ -253,6 +263,18 @@ def group_weights(item: bpy.types.Object, mesh: bpy.types.Mesh, name: str) -> Ar
     return weights
 
 
+def all_group_weights(item: bpy.types.Object) -> dict[str, Array]:
+    """Return by name the (n,) float64 weights of each vertex group of an object's base mesh."""
+    groups = list(item.vertex_groups)
+    out = {group.name: np.zeros(len(item.data.vertices)) for group in groups}
+    by_index = {group.index: out[group.name] for group in groups}
+    for vertex in item.data.vertices:
+        for member in vertex.groups:
+            if member.group in by_index:
+                by_index[member.group][vertex.index] = member.weight
+    return out
+
+
 def landmark_vertices(item: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str, int]:
     """Return, by name, the vertex of each vertex group that has exactly one in the base mesh.
 
@@ -270,8 +292,8 @@ def landmark_vertices(item: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str,
     return {g.name: heaviest[g.index][1] for g in item.vertex_groups if g.index in heaviest}
 
 
-def paired_landmarks(source: Snapshot, target: Snapshot) -> tuple[Array, Array]:
-    """Return (k, 3) and (k, 3) world positions of the landmarks that both objects have.
+def paired_landmarks(source: Snapshot, target: Snapshot) -> tuple[Array, Array, list[str]]:
+    """Return (k, 3) and (k, 3) world positions of the landmarks that both objects have, and their names.
 
     Raises
     ------
@@ -284,4 +306,5 @@ def paired_landmarks(source: Snapshot, target: Snapshot) -> tuple[Array, Array]:
             f"{len(names)} landmark pair(s) between '{source.name}' and '{target.name}', at least 3 are "
             "needed: make vertex groups of one vertex each, with the same names on both"
         )
-    return np.array([source.landmarks[n] for n in names]), np.array([target.landmarks[n] for n in names])
+    ours, theirs = (np.array([shot.landmarks[name] for name in names]) for shot in (source, target))
+    return ours, theirs, names

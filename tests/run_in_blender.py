@@ -9,6 +9,10 @@ Everything after ``--`` goes to pytest; without it, ``tests/blender`` is run. Th
 of pytest (5, "no tests", included). ``BLENDER_USER_RESOURCES`` must name an existing folder: it
 keeps the user's own preferences and extensions out.
 
+With ``FEMORS_INSTALLED`` the package that is installed in ``BLENDER_USER_RESOURCES`` is tested, with the
+checkout off the path; leave ``--factory-startup`` away then, which would switch it off. The script runs
+in the Python of a bpy wheel as well, without Blender's options.
+
 ``FEMORS_SITE`` is a folder that is added to the end of ``sys.path``, for what this Blender's Python
 has not: pytest, and SciPy and fast-simplification where the extension has not brought its own.
 Make it with the Python tag of that Blender (3.11, 3.13 ...), without NumPy, which Blender has:
@@ -43,8 +47,10 @@ def main() -> int:
     root = Path(__file__).resolve().parent.parent
     os.chdir(root)
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+    # from the root, pytest would put the checkout on the path for its __init__.py
+    options = ["-o", "pythonpath=", "--confcutdir", "tests"] if os.environ.get("FEMORS_INSTALLED") else []
     # the cache folder would be shared with the other Pythons that test this checkout
-    return int(pytest.main([*(arguments or ["tests/blender"]), "-p", "no:cacheprovider"]))
+    return int(pytest.main([*(arguments or ["tests/blender"]), *options, "-p", "no:cacheprovider"]))
 
 
 if __name__ == "__main__":

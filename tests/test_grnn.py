@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import tracemalloc
 
@@ -367,49 +366,3 @@ def test_progress_is_told_and_may_cancel(surfaces, spread):
     for way in (field, field.exact):
         with pytest.raises(Cancelled):
             way(at, cancel)
-
-
-# --- files --------------------------------------------------------------------------------------
-def test_a_field_comes_back_from_its_arrays(surfaces):
-    ball = surfaces["ball"]
-    field = DisplacementField(ball.vertices, smooth(ball.vertices), 3.25)
-    back = DisplacementField.from_arrays(field.arrays())
-    at = around(ball.vertices, 2.0, 300)
-    assert back.spread == 3.25
-    assert back(at).tobytes() == field(at).tobytes()
-
-
-def contents() -> dict[str, bytes]:
-    """What might stand in a file that should hold a field, but does not."""
-    whole, array = io.BytesIO(), io.BytesIO()
-    np.savez_compressed(whole, centres=np.zeros((400, 3)) + 0.1, spread=1.0)
-    np.save(array, np.zeros(3))
-    hurt = bytearray(whole.getvalue())
-    hurt[60:90] = b"x" * 30
-    pickled = io.BytesIO()
-    np.savez(pickled, centres=np.array([{}, None]))
-    return {
-        "nothing": b"",
-        "text": b"hello",
-        "a start only": b"PK\x03\x04" + bytes(20),
-        "cut short": whole.getvalue()[:-30],
-        "damaged": bytes(hurt),
-        "a single array": array.getvalue(),
-        "objects": pickled.getvalue(),
-    }
-
-
-@pytest.mark.parametrize("content", contents().values(), ids=contents())
-def test_a_file_that_is_no_field_is_told(tmp_path, content):
-    path = tmp_path / "field.npz"
-    path.write_bytes(content)
-    with pytest.raises(FemorsError, match=r"field\.npz: not a readable field file") as error:
-        grnn.load_arrays(path)
-    assert "\n" not in str(error.value)
-
-
-def test_a_field_file_that_is_not_there_or_a_folder_is_told(tmp_path):
-    with pytest.raises(FemorsError, match=r"none\.npz"):
-        grnn.load_arrays(tmp_path / "none.npz")
-    with pytest.raises(FemorsError, match="not a readable field file"):
-        grnn.load_arrays(tmp_path)

@@ -14,10 +14,8 @@ from scipy.spatial.transform import Rotation
 from femors_addon import settings as declared
 from femors_addon import shapes
 from femors_addon.align import transformed
-from femors_addon.grnn import DisplacementField
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
-from femors_addon.morph_result import load_field
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.quality import flipped_faces
@@ -517,45 +515,3 @@ def test_the_field_carries_other_points_as_the_vertices_go(pair, morphed):
     assert morphed.apply(np.empty((0, 3))).shape == (0, 3)
     # far away: with what is nearest, never NaN
     assert np.isfinite(morphed.apply([[1e6, 0, 0]])).all()
-
-
-def test_a_field_comes_back_from_its_file(tmp_path, morphed):
-    path = tmp_path / "field.npz"
-    morphed.save_field(path)
-    transform, field = load_field(path)
-    assert [p.name for p in tmp_path.iterdir()] == ["field.npz"]
-    points = np.random.default_rng(0).normal(size=(50, 3)) * 100
-    aligned = transformed(transform, points)
-    assert np.array_equal(aligned + field(aligned), morphed.apply(points))
-    assert isinstance(field, DisplacementField)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"layout": 99},
-        {"layout": np.arange(3)},
-        {"layout": "two"},
-        {"transform": np.eye(3)},
-        {"transform": np.full((4, 4), np.nan)},
-        {"spread": -1.0},
-        {"spread": np.ones(2)},
-        {"centres": np.zeros((2, 2))},
-        {"centres": "text"},
-        {"displacements": None},
-    ],
-)
-def test_a_field_file_of_other_content_is_told(tmp_path, change):
-    arrays = {
-        "layout": 1,
-        "transform": np.eye(4),
-        "centres": np.zeros((2, 3)),
-        "displacements": np.zeros((2, 3)),
-        "spread": 1.0,
-    }
-    arrays |= change
-    path = tmp_path / "field.npz"
-    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
-    with pytest.raises(FemorsError, match="field") as error:
-        load_field(path)
-    assert "\n" not in str(error.value)

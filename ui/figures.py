@@ -85,10 +85,10 @@ def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bp
     for warning in report["warnings"]:
         draw_sentence(verdict, context, warning, "ERROR")
     column = layout.column(align=True)
-    _row(column, f"{report['source']} to {report['target']}", "aligned", "morphed")
+    draw_row(column, f"{report['source']} to {report['target']}", "aligned", "morphed")
     box = column.box().column(align=True)
     for title, key in COUNTS:
-        _row(box, title, str(before[key]), str(after[key]), alert=after[key] > before[key])
+        draw_row(box, title, str(before[key]), str(after[key]), alert=after[key] > before[key])
     if "volume" in report:
         _draw_elements(column, report["volume"])
     factor, unit = length_unit(context.scene.unit_settings)
@@ -99,10 +99,10 @@ def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bp
         heading.label(text=f"{title} ({unit})")
         for part in parts:
             values = (number(factor * side[key][part]) for side in (before, after))
-            _row(box, "    " + WORDS[part], *values)
+            draw_row(box, "    " + WORDS[part], *values)
     box = column.box().column(align=True)
     for title, key, part in SHAPE:
-        _row(box, title, number(before[key][part]), number(after[key][part]))
+        draw_row(box, title, number(before[key][part]), number(after[key][part]))
 
 
 def _draw_elements(layout: bpy.types.UILayout, elements: dict[str, Any]) -> None:
@@ -110,8 +110,8 @@ def _draw_elements(layout: bpy.types.UILayout, elements: dict[str, Any]) -> None
     before, after = elements["before"], elements["after"]
     box = layout.box().column(align=True)
     wrong, new = len(elements["inverted_on_input"]), len(elements["newly_inverted"])
-    _row(box, "Inverted elements", str(wrong), str(wrong + new), alert=new > 0)
-    _row(
+    draw_row(box, "Inverted elements", str(wrong), str(wrong + new), alert=new > 0)
+    draw_row(
         box,
         f"Volume ({round(elements['volume_change'], 3) + 0.0:+.1%})",
         number(before["volume"]),
@@ -121,7 +121,7 @@ def _draw_elements(layout: bpy.types.UILayout, elements: dict[str, Any]) -> None
     heading.scale_y = 0.7
     heading.label(text="Scaled Jacobian")
     for key, word in (("minimum", "min"), ("p01", "1 %"), ("median", "median")):
-        _row(box, "    " + word, f"{before[key]:.3f}", f"{after[key]:.3f}")
+        draw_row(box, "    " + word, f"{before[key]:.3f}", f"{after[key]:.3f}")
 
 
 def draw_sentence(
@@ -140,17 +140,13 @@ def draw_sentence(
         line = f"{line} {word}".strip()
 
 
-def _row(layout: bpy.types.UILayout, title: str, before: str, after: str, alert: bool = False) -> None:
-    draw_row(layout, title, (before, after), alert)
-
-
 def draw_row(
-    layout: bpy.types.UILayout, title: str, values: tuple[str, ...], alert: bool = False, factor: float = 0.0
+    layout: bpy.types.UILayout, title: str, *values: str, alert: bool = False, factor: float = 0.0
 ) -> None:
-    """Draw a line of a table: its title, and values to the right."""
+    """Draw a line of a table: its title, and figures to the right; `factor` is the title's share."""
     row = layout.row()
     row.scale_y = 0.7
-    split = row.split(factor=factor or (0.5 if len(values) < 3 else 0.4))
+    split = row.split(factor=factor or 0.5)
     split.label(text=title)
     for text in values:
         cell = split.row()

@@ -6,6 +6,7 @@ No ``from __future__ import annotations`` here: Blender reads annotations as pro
 
 import bpy
 
+from ..femors_addon.version import version
 from ..operators import dependencies, preferences_form
 from .figures import UNITS, draw_sentence
 
@@ -65,6 +66,7 @@ class FEMORS_preferences(bpy.types.AddonPreferences):
         column = layout.column()
         for name in ("unit", "colour_map", "threads", "memory"):
             column.prop(self, name)
+        draw_sentence(layout, context, f"FEMORS {version()} with {dependencies.found()}")
 
 
 classes = (FEMORS_preferences,)

@@ -76,32 +76,32 @@ def draw_quality(layout: bpy.types.UILayout, found: dict[str, Any], context: bpy
     box = column.box().column(align=True)
     for title, key in FAULTS:
         count = found["faults"][key]
-        draw_row(box, title, (str(count),), alert=count > 0)
+        _line(box, title, (str(count),), alert=count > 0)
     if "elements" in found:
         count = found["elements"]["inverted"]
-        draw_row(box, "Inverted elements", (str(count),), alert=count > 0)
+        _line(box, "Inverted elements", (str(count),), alert=count > 0)
     box = column.box().column(align=True)
     mesh = found["mesh"]
-    draw_row(box, "Vertices, triangles", (str(mesh["vertices"]), str(mesh["faces"])))
-    draw_row(box, "Pieces", (str(mesh["pieces"]),))
-    draw_row(box, "Open edges", (str(mesh["open_edges"]),))
+    _line(box, "Vertices, triangles", (str(mesh["vertices"]), str(mesh["faces"])))
+    _line(box, "Pieces", (str(mesh["pieces"]),))
+    _line(box, "Open edges", (str(mesh["open_edges"]),))
     plain = unit == "scene units"
-    draw_row(box, "Area" if plain else f"Area ({unit}²)", (number(factor**2 * mesh["area"]),))
+    _line(box, "Area" if plain else f"Area ({unit}²)", (number(factor**2 * mesh["area"]),))
     volume = "open" if mesh["volume"] is None else number(factor**3 * mesh["volume"])
-    draw_row(box, "Volume" if plain else f"Volume ({unit}³)", (volume,))
+    _line(box, "Volume" if plain else f"Volume ({unit}³)", (volume,))
     box = column.box().column(align=True)
-    draw_row(box, "", ("median", "99 %", "max"), factor=0.04)
+    _line(box, "", ("median", "99 %", "max"), factor=0.04)
     for title, key, kind in SHAPE:
         _stat(box, title, found["shape"][key], factor if kind == "length" else 1.0)
     jacobian = found["shape"]["scaled_jacobian"]
-    draw_row(box, "", ("median", "1 %"), factor=0.36)
-    draw_row(box, "Sc. Jacobian", (number(jacobian["median"]), number(jacobian["p01"])), factor=0.36)
+    _line(box, "", ("median", "1 %"), factor=0.36)
+    _line(box, "Sc. Jacobian", (number(jacobian["median"]), number(jacobian["p01"])), factor=0.36)
     if "elements" in found:
         one = found["elements"]
         box = column.box().column(align=True)
         _title(box, "Scaled Jacobian of elements")
-        draw_row(box, "", ("min", "1 %", "median"), factor=0.04)
-        draw_row(box, "", tuple(f"{one[key]:.3f}" for key in ("minimum", "p01", "median")), factor=0.04)
+        _line(box, "", ("min", "1 %", "median"), factor=0.04)
+        _line(box, "", tuple(f"{one[key]:.3f}" for key in ("minimum", "p01", "median")), factor=0.04)
     if "against" in found:
         _draw_against(column, found, factor, unit, context)
 
@@ -116,20 +116,20 @@ def _draw_against(
     beside = found["against"]
     box = column.box().column(align=True)
     _title(box, f"Beside {found['other_name']} ({unit})")
-    draw_row(box, "", ("median", "99 %", "max"), factor=0.04)
+    _line(box, "", ("median", "99 %", "max"), factor=0.04)
     for title, key in BESIDE:
         _stat(box, title, beside[key], factor, ROUNDING * found["mesh"]["size"])
     if beside["movement"] is not None:
         _stat(box, "Movement", beside["movement"], factor)
-        draw_row(box, "Flipped faces", (str(beside["flipped"]),), alert=beside["flipped"] > 0)
-    draw_row(box, "Faces crossing it", (str(beside["crossing"]),))
+        _line(box, "Flipped faces", (str(beside["flipped"]),), alert=beside["flipped"] > 0)
+    _line(box, "Faces crossing it", (str(beside["crossing"]),))
     both = beside["overlap"]
     if both is None:
         draw_sentence(box, context, f"No XOR volume: {beside['no_overlap']}", "INFO")
         return
     error = f" ± {number(factor**3 * both['xor_uncertainty'])}"
-    draw_row(box, "XOR volume", (number(factor**3 * both["xor"]) + error,))
-    draw_row(box, "Dice coefficient", (f"{both['dice']:.4f}",))
+    _line(box, "XOR volume", (number(factor**3 * both["xor"]) + error,))
+    _line(box, "Dice coefficient", (f"{both['dice']:.4f}",))
 
 
 def _stat(
@@ -141,7 +141,13 @@ def _stat(
     """
     _title(box, title)
     values = (one[key] if abs(one[key]) >= least else 0.0 for key in ("median", "p99", "maximum"))
-    draw_row(box, "", tuple(number(factor * value) for value in values), factor=0.04)
+    _line(box, "", tuple(number(factor * value) for value in values), factor=0.04)
+
+
+def _line(
+    box: bpy.types.UILayout, title: str, values: tuple[str, ...], alert: bool = False, factor: float = 0.0
+) -> None:
+    draw_row(box, title, *values, alert=alert, factor=factor or (0.5 if len(values) < 3 else 0.4))
 
 
 def _title(box: bpy.types.UILayout, title: str) -> None:

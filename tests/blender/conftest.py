@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The checkout as an enabled extension, in the bpy wheel or inside ``blender -b``."""
+"""The checkout, or an installed package, as an enabled extension, in the bpy wheel or ``blender -b``."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demo"))
 
-from checkout import PACKAGE, Checkout
+from checkout import INSTALLED, PACKAGE, Checkout
 
 checkout = Checkout()
 bpy = pytest.importorskip("bpy", reason="needs the bpy wheel or a blender binary")
 atexit.register(checkout.disable)
+collect_ignore = [] if INSTALLED else ["test_installed.py"]
 
 
 @pytest.fixture(scope="session")

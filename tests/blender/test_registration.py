@@ -10,13 +10,19 @@ from pathlib import Path
 
 import bpy
 import pytest
-
-PACKAGE = "bl_ext.dev.femors"
+from checkout import PACKAGE
 
 
 def registered() -> set[str]:
     """Everything of FEMORS that Blender knows."""
-    kinds = (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup, bpy.types.UIList, bpy.types.Menu)
+    kinds = (
+        bpy.types.AddonPreferences,
+        bpy.types.Operator,
+        bpy.types.Panel,
+        bpy.types.PropertyGroup,
+        bpy.types.UIList,
+        bpy.types.Menu,
+    )
     names = {cls.__name__ for kind in kinds for cls in kind.__subclasses__() if cls.is_registered}
     found = {name for name in names if name.startswith("FEMORS")}
     found |= {f"ops.{name}" for name in dir(bpy.ops.femors)}
@@ -47,11 +53,11 @@ def test_enabling_does_not_import_scipy(tmp_path):
     if bpy.app.binary_path:
         pytest.skip("needs a Python of its own; tests/window looks at this in the binary")
     code = (
-        "import sys; sys.path.insert(0, 'tests/blender'); "
-        "import conftest; conftest.checkout.enable(); "
-        "import bpy; assert bpy.ops.femors.morph.poll(); "
+        "import sys; sys.path.insert(0, 'demo'); "
+        "import checkout; here = checkout.Checkout(); import bpy; here.enable(); "
+        "assert bpy.ops.femors.morph.poll(); "
         "bad = [m for m in ('scipy', 'fast_simplification') if m in sys.modules]; "
-        "conftest.checkout.disable(); "
+        "here.disable(); "
         "print('imported', bad)"
     )
     root = Path(__file__).resolve().parents[2]
@@ -169,26 +175,109 @@ def test_numbers_come_out_of_single_precision_as_they_were_typed(part):
         assert exact(float(np.float32(value))) == value
 
 
-def test_a_missing_package_is_a_sentence(empty, part, monkeypatch):
-    dependencies, command = part("operators.dependencies"), part("operators.command")
-    progress = part("femors_addon.progress")
+@pytest.fixture()
+def dependencies(part):
+    """The module, which forgets what it has looked up before and after a test."""
+    module = part("operators.dependencies")
+    module.forget()
+    yield module
+    module.forget()
+
+
+class Layout:
+    """Takes down what a panel draws."""
+
+    def __init__(self):
+        self.said = []
+
+    def column(self, **options):
+        return self
+
+    def label(self, text="", icon="NONE"):
+        self.said.append((icon, text))
+
+
+def preferences(part) -> tuple[str, str]:
+    """Return what the preferences show: the icon of the first line, and all lines as one."""
+
+    class Region:
+        width = 700
+
+    class Context:
+        region = Region
+
+        class preferences:
+            class system:
+                ui_scale = 1.0
+
+    class Preferences:
+        layout = Layout()
+
+    part("ui.preferences").FEMORS_preferences.draw(Preferences, Context)
+    said = Preferences.layout.said
+    return said[0][0], " ".join(text for _, text in said)
+
+
+def test_the_preferences_say_what_is_there(part, dependencies):
+    import numpy as np
+
+    icon, said = preferences(part)
+    assert icon == "NONE"
+    assert f"FEMORS {part('femors_addon.version').version()} with NumPy {np.__version__}, SciPy 1." in said
+    assert "meshio 5" in said and "no " not in said
+
+
+@pytest.mark.parametrize("packaged", [False, True])
+def test_a_missing_package_is_a_sentence(empty, part, monkeypatch, dependencies, packaged, capfd):
+    command, progress = part("operators.command"), part("femors_addon.progress")
     monkeypatch.setitem(dependencies.NEEDED, "no_such_package", "NoSuch")
-    dependencies.missing.cache_clear()
-    try:
-        assert dependencies.missing().startswith("NoSuch not found")
-        assert "README" in dependencies.missing() and "zip" not in dependencies.missing()
-        with pytest.raises(progress.FemorsError, match="NoSuch not found"):
-            dependencies.require()
-        assert not bpy.ops.femors.morph.poll()
-        with pytest.raises(RuntimeError, match="NoSuch not found"):
-            bpy.ops.femors.morph(source="a", target="b")
-        assert command.run(["morph"]) == 2
-    finally:
-        dependencies.missing.cache_clear()
+    monkeypatch.setattr(dependencies, "PACKAGED", packaged)
+    assert dependencies.missing().startswith(f"NoSuch not found in Blender's Python 3.{sys.version_info[1]}")
+    assert "README" in dependencies.missing()
+    assert ("zip" in dependencies.missing(), "pip" in dependencies.missing()) == (packaged, not packaged)
+    assert preferences(part)[0] == "ERROR"
+    assert preferences(part)[1].startswith(dependencies.missing() + " FEMORS ")
+    with pytest.raises(progress.FemorsError, match="NoSuch not found"):
+        dependencies.require()
+    assert not bpy.ops.femors.morph.poll()
+    with pytest.raises(RuntimeError, match="NoSuch not found"):
+        bpy.ops.femors.morph(source="a", target="b")
+    assert command.run(["morph"]) == 2
+    assert "Traceback" not in capfd.readouterr().err
 
 
-def test_a_package_that_cannot_be_loaded_is_a_sentence(extension, part, monkeypatch):
-    dependencies, progress = part("operators.dependencies"), part("femors_addon.progress")
+def test_a_package_for_another_numpy_is_a_sentence(empty, part, monkeypatch, dependencies):
+    real = dependencies.importlib.metadata.requires
+
+    def requires(name):
+        return ["numpy<1.20,>=1.19"] if name == "scipy" else real(name)
+
+    monkeypatch.setattr(dependencies.importlib.metadata, "requires", requires)
+    icon, said = preferences(part)
+    assert icon == "ERROR" and "wants NumPy <1.20,>=1.19, and this Blender has " in said
+    with pytest.raises(RuntimeError, match="wants NumPy"):
+        bpy.ops.femors.morph(source="a", target="b")
+
+
+@pytest.mark.parametrize(
+    ("requirement", "version", "allowed"),
+    [
+        ("numpy<2.5,>=1.23.5", "1.24.3", True),
+        ("numpy<2.5,>=1.23.5", "1.23.4", False),
+        ("numpy<2.5,>=1.23.5", "2.5.0", False),
+        ("numpy (<2.5,>=1.23.5)", "2.4.0rc1", True),
+        ("numpy>=2.0", "2", True),
+        ("numpy>1.9", "1.26.4", True),
+        ("numpy", "1.0", True),
+        ("numpy<1; python_version < '3.9'", "1.26.4", True),
+    ],
+)
+def test_bounds_of_versions(dependencies, requirement, version, allowed):
+    assert dependencies.allows(requirement, version) is allowed
+
+
+def test_a_package_that_cannot_be_loaded_is_a_sentence(part, monkeypatch, dependencies):
+    progress = part("femors_addon.progress")
 
     def clash(name):
         raise ValueError("numpy.dtype size changed,\n may indicate binary incompatibility")
@@ -196,5 +285,7 @@ def test_a_package_that_cannot_be_loaded_is_a_sentence(extension, part, monkeypa
     monkeypatch.setattr(dependencies.importlib, "import_module", clash)
     with pytest.raises(progress.FemorsError) as caught:
         dependencies.require()
-    assert "numpy.dtype size changed" in str(caught.value)
+    assert "numpy.dtype size changed" in str(caught.value) and "README" in str(caught.value)
+    monkeypatch.undo()
+    assert preferences(part)[0] == "ERROR" and preferences(part)[1].startswith(str(caught.value))
     assert "\n" not in str(caught.value)

@@ -17,6 +17,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -496,6 +497,13 @@ def deleted() -> Steps:
     form.target = kept
 
 
+def overclosures() -> Steps:
+    """Overclosures found and removed; see ``overclosure.py``."""
+    sys.path.insert(0, str(HERE))
+    overclosure = importlib.import_module("overclosure")
+    yield from overclosure.steps(SimpleNamespace(**globals()))
+
+
 def second_window() -> Steps:
     """Start in a second window and close it."""
     call(bpy.ops.wm.window_new_main)
@@ -546,6 +554,7 @@ STORY = (
     advanced,
     usable,
     deleted,
+    overclosures,
     second_window,
     switched_off,
     other_file,

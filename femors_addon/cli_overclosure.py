@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``femors overclosure``: files in, bodies pushed apart, the same files out."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import booleans, cli_convert, deckfiles, files
+from .align import inverse, transformed
+from .bodies import Body
+from .commandline import Console, add_settings, check_paths, settings_of
+from .deck import Deck, Part
+from .mesh import Float, Int, Surface
+from .meshfiles import MeshFile
+from .overclosure import OverclosureResult, check_overclosure, remove_overclosure
+from .overclosure_settings import OverclosureSettings
+from .progress import FemorsError
+from .volume import VolumeMesh
+
+DONE, IMPERFECT = 0, 1
+
+EXIT_CODES = """exit codes:
+  0    certified: nothing crosses, every gap holds, no element was inverted, or there was
+       nothing to do; with --check: checked, whatever was found
+  1    not reached: the best state is written, the reason is on stderr
+  2    bad input or usage: one line on stderr, nothing is written
+  3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
+  130  interrupted (Ctrl-C); the last line says if anything is written
+
+A deck of several parts (or solid element sets) gives one body for each, named STEM:PART, and comes
+back as one deck; any other file gives one body, named as the file without its ending.
+"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Source:
+    """A file, and the bodies in it.
+
+    Attributes
+    ----------
+    path : str
+    thing : Deck or MeshFile
+    bodies : tuple of Body
+        Where an assembly places parts, they are in its frame.
+    nodes : tuple of (k,) int32 or None
+        For each body the deck's nodes that are its own; None for a surface mesh.
+    frames : tuple of (4, 4) float64
+        From the part's own coordinates to the frame of all bodies.
+    """
+
+    path: str
+    thing: Deck | MeshFile
+    bodies: tuple[Body, ...]
+    nodes: tuple[Int | None, ...]
+    frames: tuple[Float, ...]
+
+    def moved(self, nodes: Mapping[str, Float]) -> Deck | MeshFile:
+        """Return the file's content with the bodies' nodes (by name) where they are now."""
+        if isinstance(self.thing, MeshFile):
+            return self.thing.with_vertices(nodes[self.bodies[0].name])
+        coordinates = np.array(self.thing.coordinates)
+        for body, mine, frame in zip(self.bodies, self.nodes, self.frames, strict=True):
+            assert mine is not None
+            after = nodes[body.name]
+            moved = (after != body.nodes).any(axis=1)
+            home = after if np.array_equal(frame, np.eye(4)) else transformed(inverse(frame), after)
+            coordinates[mine[moved]] = home[moved]
+        return self.thing.with_coordinates(coordinates)
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``femors overclosure``."""
+    parser.add_argument("sources", metavar="BODY", nargs="+", help=f"files of bodies: {cli_convert.KINDS}")
+    parser.add_argument(
+        "-o", "--out", metavar="OUTDIR", help="folder for the results, under the files' names"
+    )
+    parser.add_argument(
+        "--rigid",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a body that does not move; may be repeated",
+    )
+    parser.add_argument(
+        "--share",
+        metavar="NAME=S",
+        action="append",
+        default=[],
+        help="how much a body gives way, from 0 (rigid) to 1; of a pair, each moves by its part of the sum, "
+        "and the other of two bodies has 1 - S",
+    )
+    parser.add_argument(
+        "--exclude",
+        metavar="A,B",
+        action="append",
+        default=[],
+        help="a pair that may overlap, such as a tied cartilage on its bone; may be repeated",
+    )
+    parser.add_argument(
+        "--pair-gap",
+        metavar="A,B=G",
+        action="append",
+        default=[],
+        help="a gap of its own for one pair; may be repeated",
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="only say which bodies overlap, how deep and where; move nothing"
+    )
+    parser.add_argument(
+        "--report", metavar="R.json", help="pairs, bodies, settings and every figure, as JSON"
+    )
+    add_settings(parser, OverclosureSettings, {})
+
+
+def run(args: argparse.Namespace, console: Console, version: str) -> int:
+    """Check or remove the overclosure of all bodies; refuse what can be refused before the work."""
+    settings = settings_of(args, OverclosureSettings())
+    if args.out is None and not args.check:
+        raise FemorsError("-o OUTDIR is needed, or --check (see 'femors overclosure --help')")
+    outputs = _output_paths(args)
+    sources = [_read(path) for path in args.sources]
+    bodies = _with_shares([body for source in sources for body in source.bodies], args)
+    exclude = [_pair(text, "--exclude") for text in args.exclude]
+    gaps = {}
+    for text in args.pair_gap:
+        pair, value = _split(text, "--pair-gap", "A,B=G")
+        gaps[_pair(pair, "--pair-gap")] = _number(value, "--pair-gap", text)
+    if args.check:
+        return _check(args, console, version, bodies, settings, exclude, gaps)
+    result = remove_overclosure(bodies, settings, console.progress, exclude=exclude, gaps=gaps)
+    console.end_progress()
+    _write(args, console, version, sources, outputs, result)
+    return DONE if result.certified else IMPERFECT
+
+
+def _check(
+    args: argparse.Namespace,
+    console: Console,
+    version: str,
+    bodies: list[Body],
+    settings: OverclosureSettings,
+    exclude: list[tuple[str, str]],
+    gaps: dict[tuple[str, str], float],
+) -> int:
+    """Say what overlaps; write nothing but the report."""
+    found = check_overclosure(bodies, settings, console.progress, exclude=exclude, gaps=gaps)
+    console.end_progress()
+    if args.report is not None:
+        names = {"bodies": [body.name for body in bodies], "sources": args.sources}
+        pairs = [finding.as_dict() for finding in found]
+        report = {"femors": version, "files": names, "clear": all(f.clear for f in found), "pairs": pairs}
+        files.write_bytes(args.report, _encoded(report))
+        console.written = True
+    for finding in found:
+        console.say(str(finding))
+    if all(finding.clear for finding in found):
+        console.say(f"no overclosure among {len(bodies)} bodies")
+    elif not booleans.available() and not args.quiet:
+        console.warn(f"note: {booleans.MISSING}")
+    return DONE
+
+
+def _write(
+    args: argparse.Namespace,
+    console: Console,
+    version: str,
+    sources: list[Source],
+    outputs: list[Path],
+    result: OverclosureResult,
+) -> None:
+    """Write every file, under its own name, and the report."""
+    nodes = {body.name: body.nodes for body in result.bodies}
+    moved = {body.name for body in result.bodies if body.moved}
+    written: dict[Path, bytes] = {}
+    notes: list[str] = []
+    for source, path in zip(sources, outputs, strict=True):
+        if isinstance(source.thing, MeshFile) and source.bodies[0].name not in moved:
+            written[path] = files.read_bytes(source.path)
+            continue
+        parts = deckfiles.written(source.moved(nodes), path)
+        written |= parts.files
+        notes += [*getattr(source.thing, "notes", ()), *parts.notes]
+    report = [] if args.report is None else [Path(args.report)]
+    check_paths(_inputs(sources), [*written, *report])
+    Path(args.out).mkdir(parents=True, exist_ok=True)
+    with files.replacing(*written, *report) as new:
+        for temporary, data in zip(
+            new, [*written.values(), *(_report(args, version, result) for _ in report)], strict=True
+        ):
+            temporary.write_bytes(data)
+    console.written = True
+    if not args.quiet:
+        for note in (*notes, *result.notes):
+            console.warn(f"note: {note}")
+    console.say(result.summary())
+    for reason in result.reasons:
+        console.warn(f"not reached: {reason}; the best state is written")
+
+
+def _report(args: argparse.Namespace, version: str, result: OverclosureResult) -> bytes:
+    names = {"sources": args.sources, "out": args.out}
+    return _encoded({"femors": version, "files": names, **result.report()})
+
+
+def _encoded(report: Mapping[str, Any]) -> bytes:
+    return (json.dumps(report, indent=1, allow_nan=False) + "\n").encode()
+
+
+# --- what is asked for --------------------------------------------------------------------------------
+def _output_paths(args: argparse.Namespace) -> list[Path]:
+    """Return where each file goes; refuse names that clash and folders that cannot be written to."""
+    for path in args.sources:
+        deckfiles.suffix_of(path)
+    if args.report is not None:
+        check_paths(args.sources, [args.report])
+        files.check_writable(args.report)
+    if args.out is None or args.check:
+        return []
+    folder = Path(args.out)
+    if folder.exists() and not folder.is_dir():
+        raise FemorsError(f"{folder}: is a file; -o takes a folder")
+    paths = [folder / Path(path).name for path in args.sources]
+    check_paths(args.sources, paths)
+    if folder.exists():
+        files.check_writable(*paths)
+    return paths
+
+
+def _inputs(sources: list[Source]) -> list[Path]:
+    found = [
+        source.thing.inputs if isinstance(source.thing, Deck) else [Path(source.path)] for source in sources
+    ]
+    return [path for paths in found for path in paths]
+
+
+def _read(path: str) -> Source:
+    """Read a file and take it apart into bodies."""
+    thing, stem = deckfiles.read(path), Path(path).stem
+    if isinstance(thing, MeshFile):
+        return Source(path, thing, (_body(path, stem, thing.surface()),), (None,), (np.eye(4),))
+    parts = _separate(thing)
+    if not parts:
+        raise FemorsError(f"{path}: has no elements with a surface (solids or shells)")
+    bodies, nodes, frames = [], [], []
+    for part in parts:
+        mesh, mine = thing.submesh(part)
+        frame = thing.placement(part.name, part) if part.name in thing.parts else np.eye(4)
+        if not np.array_equal(frame, np.eye(4)):
+            mesh = mesh.moved(transformed(frame, mesh.nodes))
+        bodies.append(_body(path, stem if len(parts) == 1 else f"{stem}:{part.name}", mesh))
+        nodes.append(mine)
+        frames.append(frame)
+    return Source(path, thing, tuple(bodies), tuple(nodes), tuple(frames))
+
+
+def _separate(deck: Deck) -> list[Part]:
+    """Return the parts of a deck that have a surface; those that share nodes are one body."""
+    found: list[Part] = []
+    for part in deck.parts.values():
+        mesh, mine = deck.submesh(part)
+        if not len(mesh.boundary.sizes):
+            continue
+        touching = [other for other in found if np.intersect1d(other.nodes, mine).size]
+        joined = Part(part.name, mine, part.elements)
+        for other in touching:
+            found.remove(other)
+            elements = np.union1d(other.elements, joined.elements).astype(np.int32)
+            both = np.union1d(other.nodes, joined.nodes).astype(np.int32)
+            joined = Part(f"{other.name}+{joined.name}", both, elements)
+        found.append(joined)
+    return found
+
+
+def _body(path: str, name: str, mesh: Surface | VolumeMesh) -> Body:
+    try:
+        return Body(name, mesh)
+    except FemorsError as error:
+        raise FemorsError(f"{path}: {error}") from None
+
+
+def _with_shares(bodies: list[Body], args: argparse.Namespace) -> list[Body]:
+    """Return the bodies with the shares that the command line gives them."""
+    names = [body.name for body in bodies]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise FemorsError(f"two bodies are named '{twice}'; give the files different names")
+    given: dict[str, float] = {}
+    for name in args.rigid:
+        _known(name, names, "--rigid")
+        given[name] = 0.0
+    for text in args.share:
+        name, value = _split(text, "--share", "NAME=S")
+        _known(name, names, "--share")
+        if name in given:
+            raise FemorsError(f"--share {text}: '{name}' has a share or is rigid already")
+        given[name] = _number(value, "--share", text)
+    return [dataclasses.replace(body, share=given.get(body.name)) for body in bodies]
+
+
+def _known(name: str, names: list[str], option: str) -> None:
+    if name not in names:
+        raise FemorsError(f"{option} {name}: there is no such body; there are {', '.join(names)}")
+
+
+def _split(text: str, option: str, form: str) -> tuple[str, str]:
+    name, equals, value = text.rpartition("=")
+    if not equals or not name:
+        raise FemorsError(f"{option} {text}: {form} is needed")
+    return name, value
+
+
+def _pair(text: str, option: str) -> tuple[str, str]:
+    names = text.split(",")
+    if len(names) != 2 or not all(names):
+        raise FemorsError(f"{option} {text}: two names with a comma between them are needed")
+    return names[0], names[1]
+
+
+def _number(value: str, option: str, text: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise FemorsError(f"{option} {text}: '{value}' is not a number") from None

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``femors transfer``: a field applied to meshes, decks and landmark files."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from . import cli_convert, deckfiles, files, keptfield, landmarkfiles, landmarks
+from .carry import Carrier
+from .commandline import Console, add_settings, check_paths, settings_of
+from .deck import Deck
+from .landmarkfiles import Landmarks
+from .mesh import Surface
+from .meshfiles import MeshFile
+from .progress import FemorsError, Progress, part
+from .transfer import Transfer, Transferred
+from .transfer_settings import TransferSettings
+
+EXIT_CODES = """exit codes:
+  0    done
+  1    the result is written, but nothing was within the field's reach, or the input lay there already,
+       or a template's morph did not converge; the reason is on stderr
+  2    bad input or usage: one line on stderr, nothing is written
+  3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
+  130  interrupted (Ctrl-C); the last line says if anything is written
+"""
+TABLE = "the landmarks with distance, residual, stretch, projection and spread, as CSV"
+MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``femors transfer``."""
+    parser.add_argument("field", metavar="FIELD.npz", help="what 'femors morph --field' has written")
+    parser.add_argument(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help=f"meshes and decks ({cli_convert.KINDS}); landmarks: {MARKS}",
+    )
+    parser.add_argument(
+        "-o", "--out", metavar="OUTDIR", required=True, help="a folder; outputs keep the inputs' names"
+    )
+    parser.add_argument(
+        "--project", metavar="TARGET", help="lay what is carried onto the surface of this mesh"
+    )
+    parser.add_argument(
+        "--project-part", metavar="NAME", help="the part or set of TARGET, where it is a deck"
+    )
+    parser.add_argument("--table", metavar="T.csv", help=TABLE)
+    add_settings(parser, TransferSettings, {})
+
+
+class _Output(NamedTuple):
+    """What comes of an input."""
+
+    path: str
+    files: Mapping[Path, bytes]
+    moved: Transferred
+    prediction: landmarks.Prediction | None
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Carry every input by the field; all outputs are written, or none."""
+    settings = settings_of(args, TransferSettings())
+    outputs = [os.path.join(args.out, os.path.basename(path)) for path in args.inputs]
+    others = [args.table] if args.table is not None else []
+    inputs = [args.field, *args.inputs, *([args.project] if args.project is not None else [])]
+    check_paths(inputs, [*outputs, *others])
+    for path in args.inputs:
+        if not landmarkfiles.is_landmarks(path):
+            deckfiles.suffix_of(path)
+    if os.path.exists(args.out) and not os.path.isdir(args.out):
+        raise FemorsError(f"{args.out}: is a file; a folder is needed")
+    files.check_writable(*others)
+    carrier = Carrier(keptfield.load(args.field))
+    transfer = Transfer(carrier, settings, _surface(args.project, args.project_part))
+    done = []
+    for number, (path, out) in enumerate(zip(args.inputs, outputs, strict=True)):
+        step = part(console.progress, number / len(outputs), (number + 1) / len(outputs))
+        try:
+            done.append(_transferred(transfer, path, out, step))
+        except FemorsError as error:
+            text = str(error)
+            raise FemorsError(text if text.startswith(path) else f"{path}: {text}") from None
+    console.end_progress()
+    tables = [one.prediction for one in done if one.prediction is not None]
+    data = {path: content for one in done for path, content in one.files.items()}
+    if args.table is not None:
+        if not tables:
+            raise FemorsError("--table lists landmarks, and no input is a landmark file")
+        data[Path(args.table)] = table_of(tables)
+    check_paths(inputs, data)
+    write_all(data, args.out)
+    console.written = True
+    for one in done:
+        console.say(f"{one.path}: {one.moved.summary()}")
+        if one.prediction is not None:
+            console.say(one.prediction.table())
+    return _told(console, done, args.quiet)
+
+
+def _told(console: Console, done: Sequence[_Output], quiet: bool) -> int:
+    for one in done:
+        for note in one.moved.notes if not quiet else ():
+            console.warn(f"note: {one.path}: {note}")
+        for fault in one.moved.faults:
+            console.warn(f"{one.path}: {fault}; the result is written")
+    return 1 if any(one.moved.faults for one in done) else 0
+
+
+def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) -> _Output:
+    if landmarkfiles.is_landmarks(path):
+        marks = landmarkfiles.read(path, transfer.settings.space)
+        moved = transfer.points(marks.points, progress)
+        prediction = None
+        if not transfer.settings.inverse:
+            prediction = landmarks.predicted(
+                transfer.carrier, marks.labels, marks.points, moved.points, moved.projected
+            )
+        far = landmarks.far_ones(marks.labels, moved.distance, transfer.carrier.size)
+        moved = dataclasses.replace(moved, notes=(*far, *moved.notes))
+        content = {Path(out): landmarkfiles.encoded(out, marks.with_points(moved.points))}
+        return _Output(path, content, moved, prediction)
+    thing = deckfiles.read(path)
+    if isinstance(thing, MeshFile):
+        moved = transfer.points(thing.vertices, progress)
+        written = deckfiles.written(thing.with_vertices(moved.points), Path(out))
+    else:
+        moved = _deck(transfer, thing, progress)
+        written = deckfiles.written(thing.with_coordinates(moved.points), Path(out))
+    moved = dataclasses.replace(moved, notes=(*moved.notes, *written.notes))
+    return _Output(path, written.files, moved, None)
+
+
+def _deck(transfer: Transfer, deck: Deck, progress: Progress) -> Transferred:
+    """Carry all nodes of a deck, each part where the assembly has it."""
+    places = np.tile(np.eye(4), (len(deck.coordinates), 1, 1))
+    for known in deck.parts.values():
+        try:
+            places[known.nodes] = deck.placement(None, known)
+        except FemorsError:
+            raise FemorsError(
+                f"'{known.name}' stands in several places of the assembly; give each place its own part"
+            ) from None
+    world = np.einsum("nij,nj->ni", places[:, :3, :3], deck.coordinates) + places[:, :3, 3]
+    moved = transfer.mesh(deck.mesh.moved(world), progress)
+    back = np.linalg.inv(places)
+    own = np.einsum("nij,nj->ni", back[:, :3, :3], moved.points) + back[:, :3, 3]
+    still = (moved.points == world).all(axis=1)
+    own[still] = deck.coordinates[still]  # to the very bit
+    return dataclasses.replace(moved, points=own)
+
+
+def _surface(path: str | None, name: str | None) -> Surface | None:
+    if path is None:
+        return None
+    thing = deckfiles.read(path)
+    matrix = cli_convert.placement_of(thing, name, "--project-part")
+    return cli_convert.placed(matrix, cli_convert.surface_of(thing, name, "--project-part"))
+
+
+def write_all(data: Mapping[Path, bytes], folder: str | None = None) -> None:
+    """Write all files or none; a folder that was made for them goes again where they cannot be."""
+    made = folder is not None and not os.path.isdir(folder)
+    if made:
+        try:
+            os.makedirs(str(folder))
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise FemorsError(f"{folder}: cannot be made ({reason})") from None
+    try:
+        with files.replacing(*data) as new:
+            for path, content in zip(new, data.values(), strict=True):
+                path.write_bytes(content)
+    except BaseException:
+        if made:
+            os.rmdir(str(folder))
+        raise
+
+
+def table_of(tables: Sequence[landmarks.Prediction]) -> bytes:
+    """Return landmarks with all that is known of them, as a CSV file."""
+    points = np.concatenate([table.points for table in tables])
+    names = tuple(name for table in tables for name in table.names)
+    columns = [table.columns() for table in tables]
+    beside = {key: [value for one in columns for value in one[key]] for key in columns[0]}
+    return landmarkfiles.encoded("table.csv", Landmarks(points, names), beside)

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Two bodies in contact: signed gaps of nodes over the other's surface, and edges that pierce it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bodies import Solid
+from .intersect import piercings
+from .mesh import Float, Int, Surface
+from .nearest import SurfaceIndex
+
+FACING = 0.5  # cosine between a node's own normal and its way out, above which it leaves by the wrong side
+SAME = 0.1  # of an edge: places on it that are closer to each other are one
+FLAT = 1e-7  # of the coordinates' size: below this distance the way out is the surface's normal
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Contacts:
+    """Places where one body is too near the other.
+
+    Attributes
+    ----------
+    points : (k, 3) float64
+        Where they are.
+    ways : (k, 3) float64
+        Unit vectors along which the *first* body of the pair, against the second, comes free.
+    gaps : (k,) float64
+        Signed distances; negative inside.
+    pushed : (k,) float64
+        How far the bodies have already been pushed apart here, along the way.
+    """
+
+    points: Float
+    ways: Float
+    gaps: Float
+    pushed: Float
+
+    @classmethod
+    def joined(cls, *parts: Contacts) -> Contacts:
+        """Return some as one."""
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in dataclasses.fields(cls)))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Region:
+    """The faces of a surface that reach into a box, as a surface of their own; `vertex` tells which."""
+
+    surface: Surface
+    vertex: Int
+
+    @classmethod
+    def of(cls, surface: Surface, low: Float, high: Float) -> Region:
+        """Cut out the faces whose own boxes reach into a box."""
+        faces = surface.faces
+        reaches = np.ones(len(faces), dtype=bool)
+        for axis in range(3):  # one axis after the other: most faces are out by the first
+            column = surface.vertices[:, axis]
+            below, above = column < low[axis], column > high[axis]
+            reaches &= ~below[faces].all(axis=1) & ~above[faces].all(axis=1)
+        vertex, local = np.unique(faces[reaches], return_inverse=True)
+        local = local.reshape(-1, 3).astype(np.int32)
+        return cls(Surface(surface.vertices[vertex], local), vertex.astype(np.int32))
+
+    @classmethod
+    def near(cls, surface: Surface, bound: Float, shift: Float) -> Region:
+        """Cut out, and shift, faces whose edges may reach a surface that is at least `bound` (n,) away.
+
+        An edge that meets a surface has an end within half its length of it.
+        """
+        inside = np.flatnonzero((bound < surface.diagonal)[surface.faces].any(axis=1))
+        corners = surface.corners[inside]
+        longest = np.max([np.sum((corners[:, i] - corners[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
+        close = bound[surface.faces[inside]].min(axis=1) <= 0.5 * np.sqrt(longest)
+        vertex, local = np.unique(surface.faces[inside[close]], return_inverse=True)
+        local = local.reshape(-1, 3).astype(np.int32)
+        return cls(Surface(surface.vertices[vertex] + shift, local), vertex.astype(np.int32))
+
+
+class Pair:
+    """Two bodies of which one may have to give way to the other.
+
+    Attributes
+    ----------
+    one, two : Solid
+    gap : float
+        Least distance that is asked for.
+    offset : (3,) float64
+        By which the first body is shifted while the two are looked at; see `separation`.
+    weights : (float, float)
+        Share of the way apart that each body takes; they add up to 1, or are both 0.
+    """
+
+    def __init__(self, one: Solid, two: Solid, gap: float) -> None:
+        self.one, self.two, self.gap = one, two, gap
+        total = one.share + two.share
+        self.weights = (one.share / total, two.share / total) if total > 0 else (0.0, 0.0)
+        self.offset = np.zeros(3)
+        self.sides = (Side(one, two, 1.0), Side(two, one, -1.0))
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Both names."""
+        return self.one.name, self.two.name
+
+    @property
+    def size(self) -> float:
+        """Mean edge of the coarser surface."""
+        return max(self.one.surface.mean_edge, self.two.surface.mean_edge)
+
+    def look(self, reach: float) -> None:
+        """Measure all gaps anew that may be below `reach`."""
+        one, two = self.sides
+        one.frame = self.offset
+        one.look(reach, self.offset)
+        two.look(reach, -self.offset)
+
+    def shifted(self, offset: Float) -> None:
+        """Look at the pair with the first body at another offset from now on."""
+        moved = float(np.linalg.norm(offset - self.offset))
+        self.offset = offset
+        for side in self.sides:
+            side.bound -= moved
+
+    def moved(self, steps: dict[str, tuple[Float, float]]) -> None:
+        """Take note that bodies moved: by name (distance of each vertex of the surface, the largest)."""
+        for side in self.sides:
+            own, _ = steps.get(side.body.name, (0.0, 0.0))
+            _, other = steps.get(side.other.name, (0.0, 0.0))
+            side.bound -= own + other
+
+    def forget(self) -> None:
+        """Measure everything anew the next time."""
+        for side in self.sides:
+            side.bound[:] = -np.inf
+
+    def deepest(self, strict: bool) -> float:
+        """Return the smallest gap; nodes that would leave by the wrong side count if `strict`."""
+        return min(side.deepest(strict) for side in self.sides)
+
+    def contacts(self, target: float, strict: bool) -> Contacts:
+        """Return the nodes that are, or have been, closer than `target`."""
+        return Contacts.joined(*(side.contacts(target, strict) for side in self.sides))
+
+    def pierce(self) -> int:
+        """Find the edges that pierce the other surface, to be kept from it from now on; return how many."""
+        return sum(side.pierce() for side in self.sides)
+
+
+class Side:
+    """The nodes of one body's surface, and places on its edges, against the other's surface."""
+
+    def __init__(self, body: Solid, other: Solid, sign: float) -> None:
+        count = len(body.corner)
+        self.body, self.other, self.sign = body, other, sign
+        self.bound = np.full(count, -np.inf)  # no gap is smaller than this
+        self.found = _Gaps.none(count)
+        self.wrong: NDArray[np.bool_] = np.zeros(count, dtype=bool)  # would leave by the wrong side
+        self.ever: NDArray[np.bool_] = np.zeros(count, dtype=bool)  # was too near once
+        self.ends = np.zeros((0, 2), dtype=np.int32)  # edges that were found to pierce, by vertex
+        self.along = np.zeros(0)  # and where on them, from 0 to 1
+        self.on_edges = _Gaps.none(0)
+        self.shift = self.frame = np.zeros(3)
+        self._index: SurfaceIndex | None = None
+        self._region: Region | None = None
+
+    def look(self, reach: float, shift: Float) -> None:
+        """Measure the gaps that may be below `reach`, this body being shifted."""
+        self.shift = shift
+        rows = np.flatnonzero(self.bound < reach)
+        self.found.gaps[rows] = np.inf
+        low, high = self.other.surface.bounds
+        points = self.body.vertices[rows] + shift
+        # beyond the other's box by more than the reach: the box alone tells
+        outside = np.maximum(np.maximum(low - points, points - high), 0.0)
+        far = np.sqrt(np.sum(outside**2, axis=1))
+        near = far < reach
+        self.bound[rows[~near]] = far[~near]
+        rows, points = rows[near], points[near]
+        edges = self.between(self.body.vertices) + shift
+        self._index, self._region = None, None
+        if not len(rows) and not len(edges):
+            return
+        lowest = float(self.bound[rows].min(initial=0.0))
+        span = reach + max(0.0, -lowest)
+        every = np.concatenate((points, edges))
+        self._region = Region.of(self.other.surface, every.min(axis=0) - span, every.max(axis=0) + span)
+        if not len(self._region.surface.faces):
+            self.bound[rows] = span
+            return
+        self._index = SurfaceIndex(self._region.surface)
+        gaps = self._measured(points)
+        # farther than the region is wide, the side is not to be trusted; but such a node is not inside
+        self.found.put(rows, dataclasses.replace(gaps, gaps=_outside(gaps.gaps, span)))
+        self.bound[rows] = np.minimum(self.found.gaps[rows], span)
+        own = self.body.normals(rows)
+        self.wrong[rows] = np.einsum("ij,ij->i", own, gaps.ways) > FACING
+        self.on_edges = self._measured(edges)
+
+    def between(self, values: Float) -> Float:
+        """Return what a quantity of the vertices is at the places on edges."""
+        one, two = values[self.ends[:, 0]], values[self.ends[:, 1]]
+        return one + self.along[:, None] * (two - one)
+
+    def _measured(self, points: Float) -> _Gaps:
+        """Measure the gaps of points, shifted as they are."""
+        assert self._index is not None and self._region is not None
+        surface = self._region.surface
+        found = self._index.closest(points)
+        normal = self._index.pseudonormals(found)
+        apart = points - found.point
+        inside = np.einsum("ij,ij->i", apart, normal) < 0
+        corners = surface.faces[found.face]
+        if self.other.open_edges:  # beside an open border there is no inside
+            inside &= ~(surface.border[corners] | (found.barycentric <= 1e-12)).all(axis=1)
+        gaps = np.where(inside, -found.distance, found.distance)
+        flat = found.distance <= FLAT * float(np.abs(surface.vertices).max(initial=0.0))
+        ways = np.divide(apart, gaps[:, None], out=normal.copy(), where=~flat[:, None])
+        moved = self.other.displacement[self._region.vertex][corners]
+        return _Gaps(gaps, ways, np.einsum("pk,pkc->pc", found.barycentric, moved))
+
+    def deepest(self, strict: bool) -> float:
+        """Return the smallest gap."""
+        nodes = self.found.gaps if strict else np.where(self.wrong, np.inf, self.found.gaps)
+        return float(min(nodes.min(initial=np.inf), self.on_edges.gaps.min(initial=np.inf)))
+
+    def contacts(self, target: float, strict: bool) -> Contacts:
+        """Return the nodes that are, or were, closer than `target`, and the places on edges."""
+        low = self.found.gaps < target
+        if not strict:
+            low &= ~self.wrong
+        self.ever |= low
+        rows = np.flatnonzero(low | (self.ever & np.isfinite(self.found.gaps) & ~self.wrong))
+        displacement = self.body.displacement
+        gaps = _Gaps.joined(self.found.at(rows), self.on_edges)
+        own = np.concatenate((displacement[rows], self.between(displacement)))
+        points = np.concatenate((self.body.vertices[rows], self.between(self.body.vertices)))
+        pushed = np.einsum("ij,ij->i", gaps.ways, own - gaps.feet)
+        return Contacts(points + self.frame, self.sign * gaps.ways, gaps.gaps, pushed)
+
+    def pierce(self) -> int:
+        """Find the edges that pierce the other surface, and keep a place on each; return how many do."""
+        if self._index is None or self._region is None:
+            return 0
+        if self.bound.min() > self.body.longest:  # half of it would do, as long as no edge grew to twice
+            return 0
+        near = Region.near(self.body.surface, self.bound, self.shift)
+        if not len(near.surface.faces):
+            return 0
+        found = piercings(near.surface, self._region.surface)
+        if not len(found.edge):
+            return 0
+        # the middles between one piercing and the next along an edge, its ends counting too where they are
+        # inside; those of parts outside do no harm
+        order = np.lexsort((found.t, found.edge))
+        edge, t = found.edge[order], found.t[order]
+        ends = near.vertex[near.surface.edges[edge]]
+        inside = self.found.gaps[ends] < 0
+        first = np.append(True, edge[1:] != edge[:-1])
+        last = np.append(first[1:], True)
+        starts = first & inside[:, 0]
+        stops = last & inside[:, 1]
+        within = ~last
+        along = (0.5 * t[starts], 0.5 * (t[within] + t[1:][within[:-1]]), 0.5 * (1.0 + t[stops]))
+        chosen = (ends[starts], ends[within], ends[stops])
+        self._keep(np.concatenate(chosen), np.concatenate(along))
+        return int(first.sum())
+
+    def _keep(self, ends: Int, along: Float) -> None:
+        """Add places on edges, unless one is kept close by that is itself inside."""
+        count = len(self.body.corner)
+        line = [e[:, 0].astype(np.int64) * count + e[:, 1] for e in (self.ends, ends)]
+        _, rank = np.unique(np.concatenate(line), return_inverse=True)
+        known = np.sort(
+            2.0 * rank[: len(self.ends)][self.on_edges.gaps < 0] + self.along[self.on_edges.gaps < 0]
+        )
+        known = np.concatenate(([-np.inf], known, [np.inf]))
+        new = 2.0 * rank[len(self.ends) :] + along
+        place = np.searchsorted(known, new)
+        fresh = np.minimum(new - known[place - 1], known[place] - new) > SAME
+        old = len(self.ends)
+        self.ends = np.concatenate((self.ends, ends[fresh]))
+        self.along = np.concatenate((self.along, along[fresh]))
+        extra = self._measured(self.between(self.body.vertices)[old:] + self.shift)
+        self.on_edges = _Gaps.joined(self.on_edges, extra)
+
+
+def _outside(gaps: Float, span: float) -> Float:
+    return np.where(np.abs(gaps) > span, np.abs(gaps), gaps)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Gaps:
+    """Signed gaps (k,), unit ways out (k, 3), and how far (k, 3) the closest points have moved."""
+
+    gaps: Float
+    ways: Float
+    feet: Float
+
+    @classmethod
+    def none(cls, count: int) -> _Gaps:
+        return cls(np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3)))
+
+    @classmethod
+    def joined(cls, one: _Gaps, two: _Gaps) -> _Gaps:
+        pairs = ((getattr(one, f.name), getattr(two, f.name)) for f in dataclasses.fields(cls))
+        return cls(*map(np.concatenate, pairs))
+
+    def at(self, rows: Int) -> _Gaps:
+        return _Gaps(self.gaps[rows], self.ways[rows], self.feet[rows])
+
+    def put(self, rows: Int, other: _Gaps) -> None:
+        self.gaps[rows], self.ways[rows], self.feet[rows] = other.gaps, other.ways, other.feet

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is done about one pair of bodies: from where it stands to the next displacement field.
+
+*Parting* goes from bodies held apart, where they have passed through each other, back to where they are
+(see `separation`); *shaping* lays one surface on the other with ever smaller spreads, and takes back what
+was pushed too far; *clearing* only pushes, until neither a node nor an edge is left inside.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .contact import Pair
+from .contact_field import ContactField
+from .mesh import Float
+from .overclosure_settings import OverclosureSettings
+from .separation import thickness, way_apart
+
+PARTING, SHAPING, CLEARING = "parting", "shaping", "clearing"
+
+REACH = 0.5  # mean edges beyond the gap: how far nodes are looked after
+FALL = 0.7  # of the spread, from one step of the shaping to the next
+LAST_STEPS = 3  # steps of the shaping at the last spread
+PARTED = 0.3  # of the way pressed in so far: the spread while a pair is pressed together again
+PRESS = 0.3  # of the thinner body: how far it is pressed in per step
+CALM = 0.5  # of that: the depth below which the next step follows
+FINE = 1.0  # mean edges: spread of the clearing
+AIM = 0.03  # of the gap: how much farther than needed the clearing pushes, so as to end
+ROUNDS = 20  # corrections of the clearing's amounts
+AGAIN = 1.0  # mean edges: a depth from which a pair is shaped anew
+
+
+class Effort:
+    """The state of a pair on its way.
+
+    Attributes
+    ----------
+    pair : Pair
+    target : float
+        The gap that is aimed at: what was asked for and what single precision may take of it.
+    phase : str
+    worst : float
+        By how much the gap is missed at the deepest node or place on an edge.
+    pierced : int
+        Edges that pierce the other surface; counted while clearing only.
+    spread, widest : float
+        Of the last field, and the largest so far.
+
+    Parameters
+    ----------
+    margin : float
+        What single precision may take of the gap.
+    stride : float
+        No step goes farther: other bodies stand beside this pair, and have to be able to follow.
+    """
+
+    def __init__(
+        self, pair: Pair, settings: OverclosureSettings, margin: float, stride: float = np.inf
+    ) -> None:
+        self.pair, self._settings, self._stride = pair, settings, stride
+        self.target = pair.gap + margin
+        self.size = min(pair.one.surface.mean_edge, pair.two.surface.mean_edge)
+        self.aim = self.target + AIM * (pair.gap or 1e-3 * self.size)
+        self.phase, self.spread, self.widest = SHAPING, 0.0, 0.0
+        self.worst, self.pierced = 0.0, 0
+        self._steps, self._clear_at = 0, (-1, -1)
+        self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
+        pair.look(self._reach)
+        self.through = settings.continuation and self._begin_parting()
+
+    @property
+    def _reach(self) -> float:
+        return self.target + REACH * self.size
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do, as far as is known."""
+        return self.phase != PARTING and self.worst <= 0 and not self.pierced
+
+    def _begin_parting(self) -> bool:
+        apart = way_apart(self.pair)
+        if apart is None:
+            return False
+        self._whole = float(np.linalg.norm(apart))
+        self._way = apart / self._whole
+        self._left = self._whole + self.target
+        self._press = PRESS * min(thickness(self.pair.one.surface), thickness(self.pair.two.surface))
+        self.pair.shifted(self._left * self._way)
+        self.phase = PARTING
+        return True
+
+    def field(self) -> ContactField | None:
+        """Look at the pair and return the next field; None where nothing is to be moved."""
+        pair = self.pair
+        versions = pair.one.version, pair.two.version
+        if self.done and versions == self._clear_at:
+            return None
+        pair.look(self._reach)
+        strict = self.phase == CLEARING
+        self.worst = max(0.0, self.target - pair.deepest(strict))
+        if strict and self.worst > AGAIN * self.size:  # others pushed it back in
+            self.phase, self.spread, self._steps, strict = SHAPING, 0.0, 0, False
+        if self.phase == SHAPING and self.worst <= 0:
+            self.phase, strict = CLEARING, True
+        self.pierced = pair.pierce() if strict else 0
+        if strict:
+            self.worst = max(0.0, self.target - pair.deepest(True))
+        if self.done:
+            self._clear_at = versions
+            return None
+        contacts = pair.contacts(self.target, strict)
+        asked = (self.aim if strict else self.target) - contacts.gaps
+        if self.phase == PARTING:
+            self.spread = max(PARTED * (self._whole - self._left), self._settings.spread_end * self.size)
+        elif self.phase == SHAPING:
+            self._next_spread()
+        else:
+            self.spread = FINE * self.size
+        self.widest = max(self.widest, self.spread)
+        if not len(asked):
+            return None
+        asked = np.minimum(asked, self._stride)
+        if strict:
+            return ContactField.fitted(contacts, asked, self.spread, np.zeros(len(asked)), ROUNDS)
+        # what is too far apart comes back as far as it was pushed
+        back = np.minimum(-asked, np.maximum(contacts.pushed, 0.0))
+        return ContactField.fitted(contacts, np.where(asked > 0, asked, -back), self.spread)
+
+    def _next_spread(self) -> None:
+        last = self._settings.spread_end * self.size
+        if self.spread == 0.0 or self.worst > self._stride:
+            self.spread = max(self._settings.spread_factor * self.worst, last)
+        else:
+            self.spread = max(last, FALL * self.spread)
+        if self.spread <= last:
+            self._steps += 1
+            if self._steps >= LAST_STEPS:
+                self.phase = CLEARING
+
+    def pressed(self) -> None:
+        """After a step: press a parted pair together by the next part of the way, if it is ready."""
+        if self.phase != PARTING or self.worst >= CALM * self._press:
+            return
+        if self._left == 0.0:
+            self.phase = SHAPING
+            return
+        self._left = max(0.0, self._left - self._press)
+        self.pair.shifted(self._left * self._way)
+
+
+def apply(effort: Effort, field: ContactField) -> dict[str, tuple[Float, float]]:
+    """Move both bodies of a pair by a field; return by name how far (each vertex, at most) each went."""
+    pair, steps = effort.pair, {}
+    for solid, weight, frame in (
+        (pair.one, pair.weights[0], pair.offset),
+        (pair.two, -pair.weights[1], np.zeros(3)),
+    ):
+        if weight == 0.0:
+            continue
+        rows, step = field(solid.points + frame)
+        before = solid.vertices
+        solid.move(rows, weight * step)
+        distance = np.linalg.norm(solid.vertices - before, axis=1)
+        steps[solid.name] = (distance, float(distance.max(initial=0.0)))
+    return steps

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Landmarks as CSV: rows "x, y, z" or "name, x, y, z", and whatever columns stand beside them."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .files import shown
+from .mesh import Float
+from .progress import FemorsError
+
+Row = tuple[int, list[str]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Template:
+    """A CSV file apart from its coordinates: lines, and where in which of them the cells stand."""
+
+    lines: tuple[str, ...]
+    rows: tuple[Row, ...]  # (line number from 1, cells)
+    columns: tuple[int, ...]  # of x, y and z
+    name: int | None
+    delimiter: str
+
+
+def parse(data: bytes, space: str = "") -> tuple[Float, tuple[str, ...], Template]:
+    """Read the rows of a file (comma, semicolon or tab); `space` is not used, CSV says nothing of axes.
+
+    A first row without numbers is a header; where it names x, y and z, it says which columns they are.
+    Empty rows and rows that begin with # are passed over.
+
+    Raises
+    ------
+    FemorsError
+        One line that names the line and what was expected.
+    """
+    lines, rows, delimiter = _rows(data)
+    header = rows.pop(0)[1] if rows and not any(map(_is_number, rows[0][1])) else []
+    if not rows:
+        raise FemorsError("has no landmarks; rows 'x, y, z' or 'name, x, y, z' are needed")
+    columns, name = _columns(header, rows[0])
+    points = np.array([_point(row, columns, name) for row in rows])
+    names = tuple(cells[name] for _, cells in rows) if name is not None else ()
+    return points, names, Template(tuple(lines), tuple(rows), tuple(columns), name, delimiter)
+
+
+def build(
+    points: Float,
+    names: Sequence[str],
+    template: Template | None,
+    space: str = "",
+    beside: Mapping[str, Sequence[object]] | None = None,
+) -> bytes:
+    """Write the rows anew with other points (k, 3); everything else of the template stays.
+
+    Parameters
+    ----------
+    beside : mapping of str to sequence
+        More columns, only where there is no template.
+    """
+    if template is None or beside:
+        return _fresh(points, names, beside or {})
+    lines = list(template.lines)
+    for (number, cells), point in zip(template.rows, points, strict=True):
+        changed = list(cells)
+        for column, value in zip(template.columns, point, strict=True):
+            changed[column] = _text(value)
+        lines[number - 1] = _joined(changed, template.delimiter)
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _fresh(points: Float, names: Sequence[str], beside: Mapping[str, Sequence[object]]) -> bytes:
+    lines = []
+    if names or beside:
+        lines.append(_joined([*(["name"] if names else []), "x", "y", "z", *beside]))
+    for row, point in enumerate(points):
+        cells = [names[row]] if names else []
+        cells += [_text(value) for value in point]
+        cells += [_text(v) if isinstance(v, float) else str(v) for v in (beside[key][row] for key in beside)]
+        lines.append(_joined(cells))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _text(value: float) -> str:
+    return "" if np.isnan(value) else f"{value + 0.0:.10g}"
+
+
+def _joined(cells: Sequence[str], delimiter: str = ",") -> str:
+    out = io.StringIO()
+    csv.writer(out, delimiter=delimiter, lineterminator="").writerow(cells)
+    return out.getvalue()
+
+
+def _rows(data: bytes) -> tuple[list[str], list[Row], str]:
+    """Return all lines, (line number, cells) of those that say something, and the delimiter."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    delimiter = next((mark for mark in ";\t" if mark in text), ",")
+    lines = text.splitlines()
+    rows: list[Row] = []
+    for number, line in enumerate(lines, 1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            try:
+                (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+            except (csv.Error, ValueError):
+                raise FemorsError(f"line {number}: is not a row of a CSV file") from None
+            rows.append((number, [cell.strip() for cell in cells]))
+    return lines, rows, delimiter
+
+
+def _columns(header: list[str], first: Row) -> tuple[list[int], int | None]:
+    """Return the columns of x, y and z, and that of the name."""
+    titles = [title.lower() for title in header]
+    if {"x", "y", "z"} <= set(titles):
+        columns = [titles.index(axis) for axis in "xyz"]
+        named = [i for i, title in enumerate(titles) if title in ("name", "label")]
+        others = [i for i in range(len(titles)) if i not in columns]
+        return columns, next(iter([*named, *others]), None)
+    number, cells = first
+    if len(cells) not in (3, 4):
+        raise FemorsError(f"line {number}: 'x, y, z' or 'name, x, y, z' is needed, not {len(cells)} values")
+    return ([0, 1, 2], None) if len(cells) == 3 else ([1, 2, 3], 0)
+
+
+def _point(row: Row, columns: list[int], name: int | None) -> list[float]:
+    number, cells = row
+    needed = 1 + max([*columns, name or 0])
+    if len(cells) < needed:
+        raise FemorsError(f"line {number}: {needed} values are needed, not {len(cells)}")
+    wrong = next((cells[c] for c in columns if not _is_number(cells[c])), None)
+    if wrong is not None:
+        raise FemorsError(f"line {number}: '{shown(wrong.encode())}' is not a number")
+    point = [float(cells[c]) for c in columns]
+    if not np.isfinite(point).all():
+        raise FemorsError(f"line {number}: the coordinates are not finite numbers")
+    return point
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell  # Python reads 1_000 as a thousand

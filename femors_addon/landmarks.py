@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Landmarks predicted on a target: how sure each is, and the median over several templates."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from .carry import Carrier
+from .mesh import Float
+from .progress import FemorsError
+
+FAR = 0.1  # of the source's size: a landmark farther from its surface is spoken of
+MOST = 5  # names in a sentence
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prediction:
+    """Landmarks on a target, each with what tells how far to trust it; all lengths in the target's unit.
+
+    Attributes
+    ----------
+    names : tuple of str
+    points : (k, 3) float64
+    distance : (k,) float64
+        Of the landmark from the source's surface, after the alignment; negative inside.
+    residual : (k,) float64
+        Between morphed surface and target, where the landmark is.
+    stretch : (k,) float64
+        Of the surface there, source to target, in the direction in which it is farther from 1.
+    projected : (k,) float64
+        How far the landmark was moved onto the target's surface; 0 where it was not.
+    spread : (k,) float64
+        Median distance of the templates' predictions from `points`; NaN with one template.
+    templates : (k,) int
+        How many have predicted it.
+    """
+
+    names: tuple[str, ...]
+    points: Float
+    distance: Float
+    residual: Float
+    stretch: Float
+    projected: Float
+    spread: Float
+    templates: np.ndarray
+
+    def columns(self) -> dict[str, list[object]]:
+        """Return what is beside the points, by heading, for a table."""
+        out: dict[str, list[object]] = {
+            name: list(map(float, getattr(self, name)))
+            for name in ("distance", "residual", "stretch", "projected", "spread")
+        }
+        out["templates"] = list(map(int, self.templates))
+        return out
+
+    def table(self) -> str:
+        """Return the landmarks as lines for a person."""
+        width = max([8, *(len(name) for name in self.names)])
+        heads = ("x", "y", "z", "distance", "residual", "stretch", "projected", "spread")
+        lines = [f"{'landmark':{width}}" + "".join(f"{head:>11}" for head in heads)]
+        for row, name in enumerate(self.names):
+            values = (*self.points[row], *(getattr(self, head)[row] for head in heads[3:]))
+            lines.append(f"{name:{width}}" + "".join(f"{_short(value):>11}" for value in values))
+        return "\n".join(lines)
+
+
+def _short(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value + 0.0:.3f}"
+
+
+def predicted(
+    carrier: Carrier, names: Sequence[str], before: Float, after: Float, projected: Float | None = None
+) -> Prediction:
+    """Return landmarks that were carried from `before` to `after` (k, 3), with their confidence."""
+    found = carrier.at(before)
+    count = len(before)
+    return Prediction(
+        tuple(names),
+        np.asarray(after, dtype=np.float64),
+        carrier.signed(before),
+        carrier.residual_at(found),
+        carrier.stretch_at(found),
+        np.zeros(count) if projected is None else projected,
+        np.full(count, np.nan),
+        np.ones(count, dtype=int),
+    )
+
+
+def far_ones(names: Sequence[str], distance: Float, size: float) -> list[str]:
+    """Return what to say of landmarks that are far from the source's surface: a sentence, or nothing."""
+    rows = np.flatnonzero(np.abs(distance) > FAR * size)
+    if not len(rows):
+        return []
+    rows = rows[np.argsort(-np.abs(distance[rows]), kind="stable")]
+    listed = ", ".join(f"'{names[row]}' ({abs(distance[row]):.3g})" for row in rows[:MOST])
+    more = ", ..." if len(rows) > MOST else ""
+    return [f"{len(rows)} landmark(s) are far from the source's surface and hence uncertain: {listed}{more}"]
+
+
+def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]:
+    """Return the median of several templates' predictions, and what to say of it.
+
+    Landmarks go by name, coordinate by coordinate (as in MALPACA, Zhang et al. 2022); one that some templates
+    lack is predicted by the others. The confidences are medians, too.
+
+    Raises
+    ------
+    FemorsError
+        No prediction at all.
+    """
+    if not predictions:
+        raise FemorsError("a template is needed")
+    if len(predictions) == 1:
+        return predictions[0], []
+    names = tuple(dict.fromkeys(name for one in predictions for name in one.names))
+    rows = [{name: row for row, name in enumerate(one.names)} for one in predictions]
+    fields = ("distance", "residual", "stretch", "projected")
+    points, spread, counts = np.empty((len(names), 3)), np.empty(len(names)), np.empty(len(names), dtype=int)
+    medians = {key: np.empty(len(names)) for key in fields}
+    for number, name in enumerate(names):
+        has = [(one, row[name]) for one, row in zip(predictions, rows, strict=True) if name in row]
+        places = np.array([one.points[row] for one, row in has])
+        points[number] = np.median(places, axis=0)
+        apart = np.linalg.norm(places - points[number], axis=1)
+        spread[number] = np.median(apart) if len(has) > 1 else np.nan
+        counts[number] = len(has)
+        for key in fields:
+            medians[key][number] = np.median([getattr(one, key)[row] for one, row in has])
+    notes = []
+    fewer = [name for name, count in zip(names, counts, strict=True) if count < len(predictions)]
+    if fewer:
+        listed = ", ".join(f"'{name}'" for name in fewer[:MOST]) + (", ..." if len(fewer) > MOST else "")
+        notes.append(f"{len(fewer)} landmark(s) are not in every template: {listed}")
+    return Prediction(names, points, spread=spread, templates=counts, **medians), notes

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Algorithm 2: push bodies that overlap apart, to a least gap, with one smooth field for each pair.
+
+Pairs are found by themselves. In every iteration each pair in turn is looked at as the others have left
+it, a GRNN over the vectors of both bodies (the second body's negated) gives its field, and both bodies
+take their share of it, inner nodes too. The loop ends on a certificate from a search built anew: gaps,
+crossings, containment and elements. See `effort` for what is done about a pair, `contact_field` for the
+field, and `overclosure_check` for the measure.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from . import settings as declared
+from .bodies import Body, Solid, shares
+from .contact import Pair
+from .effort import Effort, apply
+from .mesh import Float
+from .overclosure_check import (
+    CONTAINED,
+    Finding,
+    PairGaps,
+    asked_gaps,
+    find,
+    same_surface,
+)
+from .overclosure_methods import nodal, published
+from .overclosure_result import OverclosureResult, Step, result_of
+from .overclosure_settings import OverclosureSettings
+from .progress import FemorsError, Progress, part, silent
+from .separation import thickness
+
+__all__ = ["Body", "OverclosureResult", "OverclosureSettings", "check_overclosure", "remove_overclosure"]
+
+STRIDE = 0.35  # of the thinnest body, where there are more than two: how far one step may go
+PATIENCE = 25  # iterations without headway after which the loop gives up
+HEADWAY = 0.98  # of the least missing so far: what counts as headway
+TRIES = 3  # certificates that may fail before the loop gives up
+
+Preview = Callable[[Mapping[str, Float]], None]
+"""Called with the nodes (n, 3) of each body by name while a removal runs."""
+
+
+def check_overclosure(
+    bodies: Sequence[Body],
+    settings: OverclosureSettings | None = None,
+    progress: Progress = silent,
+    *,
+    exclude: Iterable[tuple[str, str]] = (),
+    gaps: PairGaps | None = None,
+) -> list[Finding]:
+    """Return the pairs of bodies that overlap or are closer than the band, the deepest first.
+
+    Parameters and errors are those of `remove_overclosure`; nothing is moved.
+    """
+    settings = settings or OverclosureSettings()
+    solids = _solids(bodies, settings)
+    asked = asked_gaps(solids, settings.gap, exclude, gaps or {})
+    return find(solids, asked, _band(solids, settings), progress)
+
+
+def remove_overclosure(
+    bodies: Sequence[Body],
+    settings: OverclosureSettings | None = None,
+    progress: Progress = silent,
+    *,
+    exclude: Iterable[tuple[str, str]] = (),
+    gaps: PairGaps | None = None,
+    preview: Preview | None = None,
+) -> OverclosureResult:
+    """Push bodies apart until none overlaps another and every pair keeps its gap.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        At least two, in one unit of length and one frame; the input is left as it is.
+    settings : OverclosureSettings, optional
+    progress : Progress
+        Called with the fraction done and a text; may raise `Cancelled`.
+    exclude : iterable of pairs of names
+        Bodies that may overlap, such as a cartilage that is tied to its bone.
+    gaps : mapping of pairs of names to float
+        Gaps of single pairs, in place of the settings'.
+    preview : callable, optional
+        Called with the bodies' nodes after each iteration.
+
+    Returns
+    -------
+    OverclosureResult
+        Certified, or the best state met and the reason why it is not.
+
+    Raises
+    ------
+    FemorsError
+        Fewer than two bodies, a name twice, a mesh that is no surface, two copies of one surface,
+        settings outside their limits.
+    Cancelled
+        From `progress`.
+    """
+    started = time.process_time()
+    settings = settings or OverclosureSettings()
+    solids = _solids(bodies, settings)
+    asked = asked_gaps(solids, settings.gap, exclude, gaps or {})
+    before = find(solids, asked, _band(solids, settings), part(progress, 0.0, 0.1))
+    history: list[Step] = []
+    if all(solid.share == 0 for solid in solids) and not all(finding.clear for finding in before):
+        raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
+    efforts = _efforts(solids, asked, before, settings)
+    stop, after = "", before
+    if any(not finding.clear for finding in before):
+        stop, after = _removed(efforts, solids, asked, settings, history, part(progress, 0.1, 0.97), preview)
+    solved = time.process_time()
+    result = result_of(solids, before, after, efforts, settings, tuple(history), stop)
+    progress(1.0, "done")
+    return dataclasses.replace(result, seconds=time.process_time() - started, solve_seconds=solved - started)
+
+
+# --- input ------------------------------------------------------------------------------------------
+def _solids(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Solid]:
+    """Return the bodies at work; refuse what cannot be worked with."""
+    declared.check(settings)
+    if len(bodies) < 2:
+        raise FemorsError(f"{len(bodies)} body given; overclosure needs at least two")
+    names = [body.name for body in bodies]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise FemorsError(f"two bodies are named '{twice}'; each needs a name of its own")
+    solids = [Solid(body, share) for body, share in zip(bodies, shares(list(bodies)), strict=True)]
+    for i, one in enumerate(solids):
+        for two in solids[:i]:
+            if same_surface(one, two):
+                raise FemorsError(
+                    f"'{two.name}' and '{one.name}' are copies of one surface in one place: leave one out"
+                )
+    return solids
+
+
+def _band(solids: Sequence[Solid], settings: OverclosureSettings) -> float:
+    return settings.band or float(np.median([solid.surface.mean_edge for solid in solids]))
+
+
+def _efforts(
+    solids: Sequence[Solid],
+    asked: Mapping[tuple[int, int], float],
+    before: Sequence[Finding],
+    settings: OverclosureSettings,
+) -> list[Effort]:
+    """Return an effort for each pair that may have to be moved, in the order of the bodies.
+
+    Pairs that are clear now are kept in sight, for others may push them together.
+    """
+    if settings.method != "grnn":
+        settings = dataclasses.replace(settings, continuation=False)
+    stride = np.inf
+    if len(solids) > 2:
+        stride = STRIDE * min(thickness(solid.surface) for solid in solids)
+    given_up = {finding.names for finding in before if finding.state == CONTAINED}
+    efforts = []
+    for (i, j), gap in asked.items():
+        one, two = solids[i], solids[j]
+        if one.share + two.share == 0 or (one.name, two.name) in given_up:
+            continue
+        size = max(float(np.abs(solid.vertices).max()) for solid in (one, two))
+        margin = 2.0 * float(np.spacing(np.float32(size)))
+        efforts.append(Effort(Pair(one, two, gap), settings, margin, stride))
+    return efforts
+
+
+def _removed(
+    efforts: list[Effort],
+    solids: Sequence[Solid],
+    asked: Mapping[tuple[int, int], float],
+    settings: OverclosureSettings,
+    history: list[Step],
+    progress: Progress,
+    preview: Preview | None,
+) -> tuple[str, list[Finding]]:
+    """Run the method until the certificate holds; return why it stopped short, or "", and what is left.
+
+    The loop may think that it is done and be wrong, for it remembers much: then it goes on, with all of
+    that forgotten.
+    """
+    run = {"grnn": _loop, "nodal": nodal, "published": published}[settings.method]
+    for number in range(TRIES if settings.method == "grnn" else 1):
+        start = 0.9 * number / TRIES
+        stop = run(efforts, solids, settings, history, part(progress, start, 0.9), preview)
+        progress(0.9, "overclosure: certificate")
+        after = find(solids, asked, _band(solids, settings), part(progress, 0.9, 1.0))
+        tried = {effort.pair.names for effort in efforts}
+        if stop or all(finding.clear for finding in after if finding.names in tried):
+            break
+        for effort in efforts:
+            effort.pair.forget()
+    return stop, after
+
+
+# --- the loop ---------------------------------------------------------------------------------------
+def _loop(
+    efforts: list[Effort],
+    solids: Sequence[Solid],
+    settings: OverclosureSettings,
+    history: list[Step],
+    progress: Progress,
+    preview: Preview | None,
+) -> str:
+    """Iterate until all pairs are clear; return why it stopped short of it, or ""."""
+    best = _Best(solids)
+    deepest, share, shaped = 0.0, 0.0, False
+    for number in range(settings.iterations):
+        missing, pierced, spread = _sweep(efforts)
+        deepest = max(deepest, missing)
+        history.append(Step(number + 1, missing, pierced, spread))
+        done = 1.0 - math.log1p(1e4 * missing / deepest) / math.log1p(1e4) if deepest else 1.0
+        text = f"overclosure, iteration {number + 1}, depth {missing:.3g}, {pierced} edges crossing"
+        share = min(0.99, max(share, done, number / settings.iterations))  # pairs push each other back in
+        progress(share, text)
+        if preview is not None:
+            preview({solid.name: solid.nodes for solid in solids})
+        ready = all(effort.done for effort in efforts)
+        parting = any(effort.phase == "parting" for effort in efforts)
+        if not parting and not shaped:  # squeezed elements get their shapes back before the fine work
+            shaped = True
+            for solid in solids:
+                if solid.held:
+                    solid.reshape()
+        if ready:
+            for solid in solids:
+                solid.reshape()
+            return ""
+        if parting:
+            continue
+        if not best.improved(missing + (1e-9 if pierced else 0.0), number):
+            best.restore()
+            return f"no headway in {PATIENCE} iterations"
+    best.restore()
+    return f"iteration limit ({settings.iterations}) reached"
+
+
+def _sweep(efforts: list[Effort]) -> tuple[float, int, float]:
+    """Move every pair once; return (largest depth that is missing, edges that pierce, largest spread)."""
+    missing, pierced, spread = 0.0, 0, 0.0
+    for effort in efforts:
+        field = effort.field()
+        missing, pierced = max(missing, effort.worst), pierced + effort.pierced
+        if field is not None:
+            spread = max(spread, effort.spread)
+            steps = apply(effort, field)
+            for other in efforts:
+                other.pair.moved(steps)
+        effort.pressed()
+    return missing, pierced, spread
+
+
+class _Best:
+    """The best state met."""
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        self._solids = solids
+        self._score, self._number = np.inf, 0
+        self._points = [solid.points for solid in solids]
+
+    def improved(self, score: float, number: int) -> bool:
+        """Take note of the state before this iteration; whether there was headway lately."""
+        if score < HEADWAY * self._score:
+            self._score, self._number = score, number
+            self._points = [solid.points for solid in self._solids]
+        return number - self._number < PATIENCE
+
+    def restore(self) -> None:
+        """Go back to the best state."""
+        for solid, points in zip(self._solids, self._points, strict=True):
+            solid.put(points)

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What overlaps what, and how deep: found anew from the surfaces as they are, and trusted by nothing else.
+
+The same measure finds overclosures before a removal and certifies afterwards that there are none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csgraph
+
+from .bodies import Body, Solid
+from .booleans import shared_volume
+from .intersect import crossings
+from .mesh import Float, Surface, edge_matrix
+from .nearest import SurfaceIndex
+from .progress import FemorsError, Progress, silent
+
+SWALLOWED = 0.5  # of a body's nodes inside another: as many leaving by the wrong side, and it is contained
+TOLERANCE = 1e-5  # of the unit: by how much a gap may miss what is asked for
+CLEAR, NEAR, OVERLAP, CONTAINED = "clear", "too near", "overlap", "contained"
+
+PairGaps = Mapping[tuple[str, str], float]
+"""Gaps of single pairs, by their two names in either order."""
+
+
+Indices = dict[str, SurfaceIndex]
+"""The search structure of each body, by name, built once for a search through all pairs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """Two bodies that overlap, or are closer than the band.
+
+    Attributes
+    ----------
+    one, two : str
+        Names of the bodies.
+    gap : float
+        Least distance asked for, in the unit of the coordinates.
+    least : float
+        Smallest signed distance of a node of one to the surface of the other; negative inside.
+    over : tuple of int
+        Nodes of each body that are closer than the gap.
+    crossings : int
+        Pairs of triangles that cross.
+    contained : str
+        Name of the body of which a whole piece lies inside the other, "" where there is none.
+    where : tuple of float
+        Place of the smallest distance.
+    shared : float or None
+        Volume that both take up; None where it could not be computed.
+    state : str
+        "clear", "too near", "overlap" or "contained".
+    """
+
+    one: str
+    two: str
+    gap: float
+    least: float
+    over: tuple[int, int]
+    crossings: int
+    contained: str
+    where: tuple[float, float, float]
+    shared: float | None
+    state: str
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Both names."""
+        return self.one, self.two
+
+    @property
+    def depth(self) -> float:
+        """How deep the deepest node is inside the other body; 0 where none is."""
+        return max(0.0, -self.least)
+
+    @property
+    def clear(self) -> bool:
+        """Whether nothing crosses, nothing is contained, and the gap holds."""
+        return self.state == CLEAR
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {**dataclasses.asdict(self), "depth": self.depth}
+
+    def __str__(self) -> str:
+        if self.state == CLEAR:
+            return f"{self.one} - {self.two}: clear, {self.least:.4g} apart"
+        words = [f"{self.over[0] + self.over[1]} nodes closer than {self.gap:g}"]
+        if self.depth > 0:
+            words.insert(0, f"{self.depth:.4g} deep")
+        if self.crossings:
+            words.append(f"{self.crossings} crossing pairs of triangles")
+        if self.shared:
+            words.append(f"shared volume {self.shared:.4g}")
+        if self.contained:
+            words.append(f"a piece of '{self.contained}' lies wholly inside the other")
+        place = ", ".join(f"{x:.4g}" for x in self.where)
+        return f"{self.one} - {self.two}: {self.state}, {', '.join(words)}, at ({place})"
+
+
+def tolerance(gap: float, size: float) -> float:
+    """Return by how much a gap may be missed: 1e-5 of the unit, less where gap or bodies are tiny."""
+    return min(TOLERANCE, 1e-3 * gap if gap > 0 else 1e-6 * size)
+
+
+def asked_gaps(
+    solids: Sequence[Solid], gap: float, exclude: Iterable[tuple[str, str]], gaps: PairGaps
+) -> dict[tuple[int, int], float]:
+    """Return the gap of every pair of bodies that is not excluded, by their numbers.
+
+    Raises
+    ------
+    FemorsError
+        A name that no body has, a pair of a body with itself, or a negative gap.
+    """
+    names = {solid.name: number for number, solid in enumerate(solids)}
+
+    def numbers(pair: tuple[str, str]) -> tuple[int, int]:
+        for name in pair:
+            if name not in names:
+                raise FemorsError(f"there is no body '{name}'; there are {', '.join(names)}")
+        if pair[0] == pair[1]:
+            raise FemorsError(f"'{pair[0]}' is no pair: name two bodies")
+        low, high = sorted(names[name] for name in pair)
+        return low, high
+
+    out = dict.fromkeys(itertools.combinations(range(len(solids)), 2), gap)
+    for pair in exclude:
+        out.pop(numbers(pair), None)
+    for pair, own in gaps.items():
+        if not own >= 0:
+            raise FemorsError(f"the gap of {pair[0]} and {pair[1]} is {own:g}; it cannot be negative")
+        if numbers(pair) in out:
+            out[numbers(pair)] = float(own)
+    return out
+
+
+def find(
+    solids: Sequence[Solid],
+    gaps: Mapping[tuple[int, int], float],
+    band: float,
+    progress: Progress = silent,
+    volumes: bool = True,
+) -> list[Finding]:
+    """Return every pair that overlaps or is closer than `band`, the deepest first.
+
+    Parameters
+    ----------
+    gaps : mapping
+        The pairs to be looked at, and what is asked of each, from `asked_gaps`.
+    band : float
+        Of the unit of the coordinates; pairs farther apart are not listed.
+    volumes : bool
+        Compute shared volumes, which needs manifold3d.
+    """
+    found = []
+    indices: Indices = {}
+    for number, ((i, j), gap) in enumerate(gaps.items()):
+        progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
+        finding = measure(solids[i], solids[j], gap, max(band, gap), volumes, indices)
+        if finding is not None:
+            found.append(finding)
+    return sorted(found, key=lambda f: f.least)
+
+
+def measure(
+    one: Solid, two: Solid, gap: float, band: float, volumes: bool = True, indices: Indices | None = None
+) -> Finding | None:
+    """Measure a pair anew; None where no node of one is within `band` of the other and nothing crosses."""
+    indices = {} if indices is None else indices
+    a, b = one.surface, two.surface
+    reach = band + 1e-9 * max(a.diagonal, b.diagonal)
+    if (np.maximum(a.bounds[0], b.bounds[0]) - reach > np.minimum(a.bounds[1], b.bounds[1])).any():
+        return None
+    least, where, over = np.inf, np.zeros(3), []
+    inside = []
+    limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
+    slack = _rounding(a) + _rounding(b)
+    for own, other in ((one, two), (two, one)):
+        rows, distance, wrong = _signed(own.surface, other, reach, indices)
+        distance = distance - slack  # what is left of it in single precision
+        over.append(int((distance < limit).sum()))
+        if len(rows) and distance.min() < least:
+            least, where = float(distance.min()), own.surface.vertices[rows[np.argmin(distance)]]
+        deep: NDArray[np.bool_] = np.zeros(len(own.corner), dtype=bool)
+        deep[rows[distance < 0]] = True
+        # a ball whose socket has closed in on it comes free by its own side: that is no body in a body
+        swallowed = deep.any() and wrong[distance < 0].mean() > SWALLOWED
+        inside.append(deep if swallowed else np.zeros_like(deep))
+    pairs = max(len(crossings(a, b)), len(crossings(_single(a), _single(b))))
+    if least >= band and not pairs:
+        return None
+    contained = ""
+    for own, other, deep in ((one, two, inside[0]), (two, one, inside[1])):
+        if not contained and deep.any() and _whole_piece(own.surface, other.surface, deep):
+            contained = own.name
+    state = CLEAR
+    if contained:
+        state = CONTAINED
+    elif pairs or least < -slack:
+        state = OVERLAP
+    elif sum(over):
+        state = NEAR
+    shared = 0.0 if state in (CLEAR, NEAR) else None
+    if shared is None and volumes:
+        shared = shared_volume(a, b)
+    return Finding(
+        one.name,
+        two.name,
+        gap,
+        float(least),
+        (over[0], over[1]),
+        pairs,
+        contained,
+        (float(where[0]), float(where[1]), float(where[2])),
+        shared,
+        state,
+    )
+
+
+def gap_map(
+    bodies: Sequence[Body],
+    reach: float = 0.0,
+    progress: Progress = silent,
+    *,
+    exclude: Iterable[tuple[str, str]] = (),
+) -> dict[str, Float]:
+    """Return, by name of each body, the signed distance (n,) of its nodes to the nearest other body.
+
+    Negative inside another; `reach` for what is farther away, and for nodes below the surface.
+
+    Parameters
+    ----------
+    reach : float
+        In the unit of the coordinates; 0 = three mean edges, the median of the bodies.
+    exclude : iterable of pairs of names
+        Bodies that do not count for each other.
+    """
+    solids = [Solid(body, 0.0) for body in bodies]
+    reach = reach or 3.0 * float(np.median([solid.surface.mean_edge for solid in solids]))
+    values = [np.full(len(solid.corner), reach) for solid in solids]
+    pairs = asked_gaps(solids, 0.0, exclude, {})
+    indices: Indices = {}
+    for number, (i, j) in enumerate(pairs):
+        progress(number / len(pairs), f"gaps of {solids[i].name} and {solids[j].name}")
+        for own, other in ((i, j), (j, i)):
+            rows, distance, _ = _signed(solids[own].surface, solids[other], reach, indices)
+            values[own][rows] = np.minimum(values[own][rows], distance)
+    return {solid.name: solid.by_node(value, reach) for solid, value in zip(solids, values, strict=True)}
+
+
+def same_surface(one: Solid, two: Solid) -> bool:
+    """Whether two bodies are copies that stand in one place."""
+    a, b = one.surface, two.surface
+    if len(a.vertices) != len(b.vertices):
+        return False
+    close = 1e-6 * max(a.diagonal, b.diagonal)
+    order = [np.lexsort(np.round(s.vertices / (10 * close)).T) for s in (a, b)]
+    return bool(np.abs(a.vertices[order[0]] - b.vertices[order[1]]).max(initial=0.0) <= close)
+
+
+def _signed(
+    surface: Surface, other: Solid, reach: float, indices: Indices
+) -> tuple[NDArray[np.int64], Float, NDArray[np.bool_]]:
+    """Signed distances of the vertices within `reach` of the other's box, and who leaves by the wrong side.
+
+    Returns (rows (k,), distances (k,), wrong (k,)).
+    """
+    low, high = other.surface.bounds
+    rows = np.flatnonzero(
+        ((surface.vertices >= low - reach) & (surface.vertices <= high + reach)).all(axis=1)
+    )
+    if not len(rows):
+        return rows, np.zeros(0), np.zeros(0, dtype=bool)
+    if other.name not in indices:
+        indices[other.name] = SurfaceIndex(other.surface)
+    index = indices[other.name]
+    found = index.closest(surface.vertices[rows])
+    normal = index.pseudonormals(found)
+    side = np.einsum("ij,ij->i", surface.vertices[rows] - found.point, normal)
+    inside = (side < 0) & ~other.on_border(found)
+    wrong = np.einsum("ij,ij->i", surface.vertex_normals[rows], normal) > 0
+    return rows, np.where(inside, -found.distance, found.distance), wrong
+
+
+def _single(surface: Surface) -> Surface:
+    """The surface with its coordinates in single precision, as Blender has them."""
+    return surface.moved(surface.vertices.astype(np.float32).astype(np.float64))
+
+
+def _rounding(surface: Surface) -> float:
+    """Return how far single precision moves a vertex, at most."""
+    rounded = surface.vertices.astype(np.float32).astype(np.float64)
+    return float(np.sqrt(np.max(np.sum((rounded - surface.vertices) ** 2, axis=1), initial=0.0)))
+
+
+def _whole_piece(surface: Surface, other: Surface, deep: NDArray[np.bool_]) -> bool:
+    """Whether a connected piece of a surface lies inside the other without crossing it."""
+    _, piece = csgraph.connected_components(edge_matrix(surface.edges, len(surface.vertices)), directed=False)
+    outside = np.zeros(int(piece.max()) + 1, dtype=bool)
+    np.logical_or.at(outside, piece, ~deep)
+    whole = np.flatnonzero(~outside)
+    if not len(whole):
+        return False
+    faces = np.isin(piece[surface.faces[:, 0]], whole)
+    part = Surface(surface.vertices, surface.faces[faces])
+    crossing = np.unique(piece[part.faces[crossings(part, other)[:, 0], 0]])
+    return bool(len(np.setdiff1d(whole, crossing)))

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The way apart: where two thin bodies have passed through each other, in what direction they came.
+
+Signed distances end at half the thickness: a node that is deeper leaves by the far side. Such a pair is
+parted along one direction until nothing overlaps, and pressed together again in steps that are small
+against the thickness, the field giving way at each: what was in front stays in front.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .contact import Pair
+from .intersect import piercings
+from .mesh import Float, Surface, unit
+
+WRONG = 0.05  # of the nodes inside the other body: as many leaving by the wrong side make a pair suspicious
+THICK = 0.4  # of the mean thickness: a way apart below this is no passage through a body
+FAR = 4.0  # mean thicknesses of the thinner body: a way apart beyond this is no passage either
+
+
+def thickness(surface: Surface) -> float:
+    """Return twice the volume by the area: the mean thickness of a plate."""
+    area = float(surface.face_areas.sum())
+    return 2.0 * abs(surface.volume) / area if area > 0 else 0.0
+
+
+def way_apart(pair: Pair) -> Float | None:
+    """Return the shift (3,) of the first body that parts a pair, or None where none is called for.
+
+    The pair must have been looked at.
+    """
+    one, two = pair.one.surface, pair.two.surface
+    inside = [side.found.gaps < 0 for side in pair.sides]
+    count = sum(int(rows.sum()) for rows in inside)
+    wrong = sum(int((rows & side.wrong).sum()) for rows, side in zip(inside, pair.sides, strict=True))
+    if wrong <= WRONG * count:
+        return None
+    points = np.concatenate((piercings(one, two).points(one), piercings(two, one).points(two)))
+    if len(points) < 3:
+        return None
+    plate = [thickness(one), thickness(two)]
+    reach = 2.0 * max(plate)
+    near = [surface.vertices[_within(surface, points, reach)] for surface in (one, two)]
+    size = 1.5 * max(one.mean_edge, two.mean_edge)
+    best = min((_apart(near[0], near[1], way, size), tuple(way)) for way in _candidates(points, one, two))
+    distance, way = best[0], np.array(best[1])
+    if not THICK * max(plate) < distance < FAR * min(plate):
+        return None
+    return distance * way
+
+
+def _candidates(points: Float, one: Surface, two: Surface) -> Float:
+    """Directions to try: across the plane of the crossing, from body to body, and between these.
+
+    All lead away from the other body as a whole: near contact, where they have passed through each
+    other, nothing tells any more which was in front.
+    """
+    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    between = unit((one.vertices.mean(axis=0) - two.vertices.mean(axis=0))[None])[0]
+    along = axes[2] if axes[2] @ between >= 0 else -axes[2]
+    return unit(np.array([along, between, 2.0 * along + between]))
+
+
+def _within(surface: Surface, points: Float, reach: float) -> np.ndarray:
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    return ((surface.vertices >= low) & (surface.vertices <= high)).all(axis=1)
+
+
+def _apart(one: Float, two: Float, way: Float, size: float) -> float:
+    """Return how far points one (k, 3) must go along a unit way to be beyond two (l, 3), column by column."""
+    frame = np.linalg.svd(way[None])[2][1:]
+    low = np.minimum((one @ frame.T).min(axis=0), (two @ frame.T).min(axis=0))
+    cells = [np.floor((p @ frame.T - low) / size).astype(np.int64) for p in (one, two)]
+    shape = np.maximum(cells[0].max(axis=0), cells[1].max(axis=0)) + 1
+    lowest, highest = np.full(shape, np.inf), np.full(shape, -np.inf)
+    np.minimum.at(lowest, tuple(cells[0].T), one @ way)
+    np.maximum.at(highest, tuple(cells[1].T), two @ way)
+    return float((highest - lowest).max())

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole geometries carried by a field: projected where asked, kept on their side, and looked at.
+
+What moves is `carry.Carrier`'s; here stands what is done around it for a mesh, a deck or landmarks, and
+what the user should hear: points far from the source, things carried already, a field of another object.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+
+from . import settings as declared
+from .align import transformed
+from .carry import FADE, Carrier
+from .mesh import Float, Surface, clean
+from .nearest import SurfaceIndex
+from .progress import FemorsError, Progress, part, silent
+from .transfer_settings import TransferSettings
+from .volume import VolumeMesh
+from .volume_morph import kept_valid
+from .volume_quality import scaled_jacobians
+
+FAR = 0.1  # of the source's size: what lies farther out, half of it, is spoken of
+ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
+SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
+THERE = 0.002  # of the size: half of what was carried before is so near the surface that it was carried to,
+AWAY = 5.0  # and so many times as far from the other
+SAMPLE = 2000  # points that are looked at for that
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Transferred:
+    """Points (p, 3) that were carried, and what is to be said of them.
+
+    Attributes
+    ----------
+    points : (p, 3) float64
+    distance : (p,) float64
+        From the surface that they were carried off, after the alignment; negative inside.
+    error : (p,) float64
+        Of an inverse, see `carry.Carried`.
+    projected : (p,) float64
+        How far each was moved onto the surface; 0 without projection.
+    kept : int
+        Points that were put back to the side of the surface that they came from.
+    notes, faults : tuple of str
+        What the user should know; faults say that the result is not what was wanted.
+    """
+
+    points: Float
+    distance: Float
+    error: Float
+    projected: Float
+    kept: int = 0
+    notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        """Return the figures in a line."""
+        away = np.abs(self.distance)
+        middle, most = np.median(away), away.max()
+        words = [f"{len(self.points)} points, median {middle:.3g} (max {most:.3g}) from the surface"]
+        if self.projected.any():
+            words.append(f"projected by {np.median(self.projected):.3g} (max {self.projected.max():.3g})")
+        if self.error.any():
+            words.append(f"error of the inverse {np.median(self.error):.2g} (max {self.error.max():.2g})")
+        if self.kept:
+            words.append(f"{self.kept} put back to their side of the surface")
+        return "; ".join(words)
+
+
+class Transfer:
+    """A field, the settings, and the surface to project onto, for as many things as one likes.
+
+    Parameters
+    ----------
+    carrier : Carrier
+    settings : TransferSettings
+    onto : Surface, optional
+        What points are projected onto.
+
+    Raises
+    ------
+    FemorsError
+        Settings outside their limits; a projection of what is carried only a part of the way.
+    """
+
+    def __init__(self, carrier: Carrier, settings: TransferSettings, onto: Surface | None = None) -> None:
+        declared.check(settings)
+        if onto is not None and settings.strength < 1.0:
+            raise FemorsError("a projection needs strength 1: what goes a part of the way is on no surface")
+        self.carrier, self.settings = carrier, settings
+        self.onto = None if onto is None else SurfaceIndex(clean(onto.vertices, onto.faces, "target").surface)
+
+    # --- points and surfaces ------------------------------------------------------------------
+    def points(self, points: Float, progress: Progress = silent) -> Transferred:
+        """Carry points (p, 3) of landmarks or a surface; projected, all of them lie on the surface."""
+        out = self._carried(points, part(progress, 0.0, 0.8))
+        if self.onto is not None:
+            place = self.onto.closest(out.points, part(progress, 0.8, 1.0))
+            out = dataclasses.replace(out, points=place.point, projected=place.distance)
+        elif self._whole:
+            out = self._on_their_side(out, self._after)
+        return self._with_words(out, points)
+
+    @property
+    def _whole(self) -> bool:
+        return self.settings.strength == 1.0 and bool(len(self.carrier.field.faces))
+
+    def _carried(self, points: Float, progress: Progress) -> Transferred:
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        if not len(points):
+            raise FemorsError("has no points to be carried")
+        way = self.carrier.uncarry if self.settings.inverse else self.carrier.carry
+        got = way(points, self.settings.strength, progress)
+        return Transferred(got.points, got.distance, got.error, np.zeros(len(points)))
+
+    @cached_property
+    def _after(self) -> SurfaceIndex:
+        """The surface that things end beside."""
+        field = self.carrier.field
+        return SurfaceIndex(field.origin if self.settings.inverse else field.morphed)
+
+    @cached_property
+    def _before(self) -> SurfaceIndex:
+        field = self.carrier.field
+        return SurfaceIndex(field.morphed if self.settings.inverse else field.origin)
+
+    def _on_their_side(self, out: Transferred, index: SurfaceIndex) -> Transferred:
+        """Put what has changed sides of a closed surface back, as far from it as it was."""
+        size, field = self.carrier.size, self.carrier.field
+        if field.aligned.border.any() or index.surface.border.any():
+            return out
+        rows = np.flatnonzero((np.abs(out.distance) > SIDE * size) & (np.abs(out.distance) < FADE[0] * size))
+        if not len(rows):
+            return out
+        found = index.closest(out.points[rows])
+        normal = index.pseudonormals(found)
+        if index is self._after and self.settings.inverse and np.linalg.det(field.transform[:3, :3]) < 0:
+            normal = -normal  # the source of a mirrored field is wound inward
+        side = np.einsum("ij,ij->i", out.points[rows] - found.point, normal)
+        wrong = side * out.distance[rows] < 0
+        points = out.points.copy()
+        points[rows[wrong]] = found.point[wrong] + out.distance[rows[wrong], None] * normal[wrong]
+        return dataclasses.replace(out, points=points, kept=int(wrong.sum()))
+
+    # --- solids -------------------------------------------------------------------------------
+    def mesh(self, mesh: VolumeMesh, progress: Progress = silent) -> Transferred:
+        """Carry the nodes of a mesh of finite elements.
+
+        Projected, the nodes that lay on the source's surface are laid onto the target's, all others stay on
+        their side of it. No solid element that was valid is inverted.
+        """
+        if not mesh.solid:
+            return self.points(mesh.nodes, progress)
+        field, inverse = self.carrier.field, self.settings.inverse
+        if np.linalg.det(field.transform[:3, :3]) < 0:
+            raise FemorsError("the field mirrors, which would turn every solid element inside out")
+        out = self._carried(mesh.nodes, part(progress, 0.0, 0.6))
+        if self._whole:
+            index = self._after
+            if self.onto is not None:
+                index, on = self.onto, np.abs(out.distance) <= ON * self.carrier.size
+                place = self.onto.closest(out.points[on])
+                points, projected = out.points.copy(), out.projected.copy()
+                points[on], projected[on] = place.point, place.distance
+                out = dataclasses.replace(out, points=points, projected=projected)
+                out = dataclasses.replace(out, distance=np.where(on, 0.0, out.distance))
+            out = self._on_their_side(out, index)
+        progress(0.8, "no element inverted")
+        matrix = np.linalg.inv(field.transform) if inverse else field.transform
+        goal = transformed(matrix, mesh.nodes)
+        base = mesh.nodes + self.settings.strength * (goal - mesh.nodes)
+        nodes, held, held_by = kept_valid(mesh.moved(base), out.points, scaled_jacobians(mesh) > 0)
+        out = self._with_words(dataclasses.replace(out, points=nodes), mesh.nodes)
+        if len(held):
+            note = f"{len(held)} nodes held back by up to {held_by:.3g}, so that no element is inverted"
+            out = dataclasses.replace(out, notes=(*out.notes, note))
+        return out
+
+    # --- words --------------------------------------------------------------------------------
+    def _with_words(self, out: Transferred, points: Float) -> Transferred:
+        size, away = self.carrier.size, np.abs(out.distance)
+        notes, faults = list(out.notes), list(out.faults)
+        here, there = ("target", "source") if self.settings.inverse else ("source", "target")
+        name = self.carrier.field.name
+        if away.min() >= FADE[1] * size:
+            faults.append(
+                f"every point is {away.min():.3g} or more from the {here} of the field '{name}', out of its "
+                "reach, so that only the alignment was applied; was the field made for another object?"
+            )
+        elif np.median(away) > FAR * size:
+            notes.append(f"half of the points are {np.median(away):.3g} or more from the {here}'s surface")
+        if self._already(points):
+            way = "without inverse" if self.settings.inverse else "inverse"
+            faults.append(
+                f"lies on the {there} already, not on the {here}: carried before? "
+                f"Carry the original, or go the other way ({way})"
+            )
+        return dataclasses.replace(out, notes=tuple(notes), faults=tuple(faults))
+
+    def _already(self, points: Float) -> bool:
+        """Whether points (p, 3) lie where they should end, and not where they should begin."""
+        if not len(self.carrier.field.faces):
+            return False
+        sample = np.asarray(points)[:: max(len(points) // SAMPLE, 1)]
+        near = float(np.median(self._after.closest(sample).distance))
+        far = float(np.median(self._before.closest(sample).distance))
+        near, far = near / self._after.surface.diagonal, far / self._before.surface.diagonal
+        return near < THERE and far > max(AWAY * near, 1.5 * THERE)

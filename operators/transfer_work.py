@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a transfer computes, as functions of arrays for the worker; SciPy is imported when they run."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..femors_addon.progress import FemorsError, Progress, part
+
+if TYPE_CHECKING:
+    from ..femors_addon.carry import Carrier
+    from ..femors_addon.landmarks import Prediction
+    from ..femors_addon.mesh import Surface
+    from ..femors_addon.regions import Region
+    from ..femors_addon.transfer import Transferred
+    from ..femors_addon.transfer_settings import TransferSettings
+
+Array = NDArray[Any]
+OWN = 0.005  # of the size: half of an object's vertices may be so far from the surface that a field knows
+NEARER = 5.0  # times as near to the morphed surface: it is that one
+ROUNDED = 1e-4  # of the size: no distance at all
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Template:
+    """A field, and the mesh whose groups are carried by it.
+
+    Attributes
+    ----------
+    name : str
+        Of the field.
+    data : bytes
+        Its file.
+    source : str
+        Name of the object.
+    vertices, triangles : (n, 3), (m, 3)
+        World positions of the object's vertices, and its faces.
+    groups : dict of str to (n,)
+        Weights of its vertex groups that are carried.
+    """
+
+    name: str
+    data: bytes
+    source: str
+    vertices: Array
+    triangles: Array
+    groups: dict[str, Array]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Groups:
+    """Groups on a target.
+
+    Attributes
+    ----------
+    marks : Prediction or None
+        Landmarks, from groups of one vertex.
+    nearest : (k,) int
+        The target's vertex nearest to each.
+    missed : (k,) float64
+        How far it is.
+    regions : dict of str to Region
+    notes : list of str
+    """
+
+    marks: Prediction | None
+    nearest: Array
+    missed: Array
+    regions: dict[str, Region]
+    notes: list[str]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Thing:
+    """An object to be carried.
+
+    Attributes
+    ----------
+    name : str
+    points : (p, 3) float64
+        World positions.
+    part : PartSource or None
+        The elements of an FE part.
+    mark : str
+        The landmark that an empty is, else "".
+    """
+
+    name: str
+    points: Array
+    part: Any = None
+    mark: str = ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Things:
+    """Objects that were carried: for each its points and an FE part's exact nodes; landmarks among them."""
+
+    moved: list[tuple[Transferred, Any]]
+    marks: Prediction | None
+    notes: list[str]
+
+
+def carrier_of(data: bytes, name: str) -> Carrier:
+    """Return a field, ready to carry."""
+    from ..femors_addon.carry import Carrier
+    from ..femors_addon.keptfield import decoded
+
+    return Carrier(decoded(data, f"the field '{name}'"))
+
+
+def groups(
+    templates: Sequence[Template],
+    target: Surface,
+    settings: TransferSettings,
+    project: bool,
+    progress: Progress,
+) -> Groups:
+    """Carry the vertex groups of one object, or the landmarks of several and take their median.
+
+    Raises
+    ------
+    FemorsError
+        A field made for another object; groups that can only be carried all the way.
+    """
+    from scipy.spatial import cKDTree
+
+    from ..femors_addon import landmarks
+    from ..femors_addon.mesh import Surface as Mesh
+    from ..femors_addon.regions import RegionMap
+    from ..femors_addon.transfer import Transfer
+
+    if settings.strength < 1.0 or settings.inverse:
+        raise FemorsError(
+            "Vertex groups go all the way from source to target: set strength to 1 and no inverse"
+        )
+    notes: list[str] = []
+    found, regions = [], {}
+    for number, one in enumerate(templates):
+        step = part(progress, number / len(templates), (number + 1) / len(templates))
+        carrier = carrier_of(one.data, one.name)
+        check_own(carrier, one)
+        transfer = Transfer(carrier, settings, target if project else None)
+        single = {name: int(np.flatnonzero(w)[0]) for name, w in one.groups.items() if (w > 0).sum() == 1}
+        if single:
+            before = one.vertices[list(single.values())]
+            moved = transfer.points(before, part(step, 0.0, 0.3))
+            notes += landmarks.far_ones(list(single), moved.distance, carrier.size)
+            found.append(landmarks.predicted(carrier, list(single), before, moved.points, moved.projected))
+        rest = {name: w for name, w in one.groups.items() if name not in single}
+        if rest and number == 0:
+            shape = carrier.carry(one.vertices, progress=part(step, 0.3, 0.6)).points
+            ways = RegionMap(Mesh(shape, one.triangles), target, part(step, 0.6, 0.8))
+            regions = {name: ways.region(weights, part(step, 0.8, 1.0)) for name, weights in rest.items()}
+    marks, missing = landmarks.median_of(found) if found else (None, [])
+    nearest, missed = np.empty(0, int), np.empty(0)
+    if marks is not None:
+        used = np.unique(target.faces)
+        missed, near = cKDTree(target.vertices[used]).query(marks.points)
+        nearest = used[near]
+    return Groups(marks, nearest, missed, regions, [*notes, *missing])
+
+
+def check_own(carrier: Carrier, template: Template) -> None:
+    """Refuse an object that a field was not made for, or that lies on the target already."""
+    from ..femors_addon.nearest import SurfaceIndex
+
+    field = carrier.field
+    if not len(field.faces):
+        raise FemorsError(f"The field '{template.name}' has no faces (of an early version): morph again")
+    away = float(np.median(SurfaceIndex(field.origin).closest(template.vertices).distance))
+    if away <= ROUNDED * field.origin.diagonal:
+        return
+    there = float(np.median(SurfaceIndex(field.morphed).closest(template.vertices).distance))
+    if there <= OWN * field.morphed.diagonal and NEARER * there < away:
+        raise FemorsError(
+            f"'{template.source}' lies on the target already (was it morphed in place?): "
+            f"choose '{field.source}' as it was, whose groups the field '{template.name}' carries"
+        )
+    if away <= OWN * field.origin.diagonal:  # remeshed or edited since
+        return
+    raise FemorsError(
+        f"The field '{template.name}' was made for another object: half of '{template.source}' is {away:.3g} "
+        f"or more from '{field.source}' as it was morphed; choose that one, or morph again"
+    )
+
+
+def things(
+    data: bytes,
+    name: str,
+    items: Sequence[Thing],
+    settings: TransferSettings,
+    onto: Surface | None,
+    progress: Progress,
+) -> Things:
+    """Carry objects; empties, which are landmarks, also get their confidence."""
+    from ..femors_addon import landmarks
+    from ..femors_addon.transfer import Transfer
+
+    transfer = Transfer(carrier_of(data, name), settings, onto)
+    out: list[tuple[Transferred, Any]] = []
+    for number, item in enumerate(items):
+        step = part(progress, number / len(items), (number + 1) / len(items))
+        try:
+            if item.part is not None:
+                out.append(_elements(transfer, item, step))
+            else:
+                out.append((transfer.points(item.points, step), None))
+        except FemorsError as error:
+            raise FemorsError(f"'{item.name}': {error}") from None
+    rows = [row for row, item in enumerate(items) if item.mark]
+    if not rows:
+        return Things(out, None, [])
+    names = [items[row].mark for row in rows]
+    before, after, projected, distance = (
+        np.concatenate(arrays)
+        for arrays in (
+            [items[row].points for row in rows],
+            [out[row][0].points for row in rows],
+            [out[row][0].projected for row in rows],
+            [out[row][0].distance for row in rows],
+        )
+    )
+    notes = landmarks.far_ones(names, distance, transfer.carrier.size)
+    if settings.inverse or settings.strength < 1.0:
+        return Things(out, None, notes)
+    return Things(out, landmarks.predicted(transfer.carrier, names, before, after, projected), notes)
+
+
+def _elements(transfer: Any, item: Thing, progress: Progress) -> tuple[Transferred, Any]:
+    """Carry a part of a deck with the nodes inside, in double precision."""
+    from ..femors_addon.align import transformed
+    from . import deck_store
+
+    source = item.part
+    deck = deck_store.unpacked(source.archive)
+    own, vertex, before = source.shot.of(deck), source.shot.vertices(deck), source.shot.nodes(deck)
+    coordinates = np.array(deck.coordinates)
+    coordinates[own.nodes] = transformed(source.seen.matrix, before)
+    mesh, nodes = deck.with_coordinates(coordinates).submesh(own)
+    moved = transfer.mesh(mesh, progress)
+    coordinates[nodes] = moved.points
+    by_vertex = np.argsort(vertex)
+    spread = {}
+    for key in ("distance", "error", "projected"):
+        values = np.zeros(len(coordinates))
+        values[nodes] = getattr(moved, key)
+        spread[key] = values[own.nodes][by_vertex]
+    points = coordinates[own.nodes][by_vertex]
+    known = source.seen.to_local(coordinates[own.nodes])
+    return dataclasses.replace(moved, points=points, **spread), known

@@ -1,0 +1,388 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`bpy.ops.femors.transfer`: what is carried, where it arrives, what is kept, and what is refused."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Vector
+
+FIELD = "Femur to Scan"
+
+
+def put_group(item, name: str, weights: dict[int, float]) -> None:
+    group = item.vertex_groups.new(name=name)
+    for vertex, weight in weights.items():
+        group.add([vertex], weight, "REPLACE")
+
+
+def weights_of(item, name: str) -> np.ndarray:
+    index = item.vertex_groups[name].index
+    out = np.zeros(len(item.data.vertices))
+    for vertex in item.data.vertices:
+        for member in vertex.groups:
+            if member.group == index:
+                out[vertex.index] = member.weight
+    return out
+
+
+def area(item, points: np.ndarray, weights: np.ndarray) -> float:
+    """Weighted area of a mesh, by Blender's triangles."""
+    item.data.calc_loop_triangles()
+    faces = np.array([tuple(t.vertices) for t in item.data.loop_triangles])
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    size = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return float((size * weights[faces].mean(axis=1)).sum())
+
+
+@pytest.fixture()
+def morphed(pair, tools):
+    """The pair after a morph; on the source two landmarks, and a region with partial weights."""
+    source, target = pair
+    points = tools.world(source)
+    far = np.linalg.norm(points - points[100], axis=1)
+    put_group(source, "tip", {100: 1.0})
+    put_group(
+        source, "site", {int(i): float(np.clip(1.6 - far[i] / 0.5, 0, 1)) for i in np.flatnonzero(far < 0.8)}
+    )
+    put_group(source, "pole", {len(points) - 1: 1.0})
+    assert bpy.ops.femors.morph(source="Femur", target="Scan") == {"FINISHED"}
+    return source, target, bpy.data.objects["Femur morphed to Scan"]
+
+
+# --- the field ------------------------------------------------------------------------------------
+def test_a_morph_keeps_its_field(morphed, part):
+    text = bpy.data.texts[FIELD]
+    assert morphed[2].femors.field == text
+    assert text.use_fake_user
+    head = part("operators.fields").head_of(text)
+    assert (head["source"], head["target"]) == ("Femur", "Scan")
+    assert head["date"][:2] == "20"
+    assert head["figures"]["target_to_surface"]["median"] >= 0
+    field = part("femors_addon.keptfield").decoded(text["femors_field"], "x")
+    assert field.centres.dtype == np.float64
+    assert part("operators.fields").all_fields() == [text]
+
+
+def test_the_field_survives_saving_and_appending(morphed, tmp_path, part, extension):
+    data = bytes(bpy.data.texts[FIELD]["femors_field"])
+    path = str(tmp_path / "kept.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert bytes(bpy.data.texts[FIELD]["femors_field"]) == data
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+    with bpy.data.libraries.load(path) as (_, here):
+        here.objects = ["Femur morphed to Scan"]
+    text = here.objects[0].femors.field
+    assert text is not None and bytes(text["femors_field"]) == data
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+    with bpy.data.libraries.load(path) as (_, here):
+        here.texts = [FIELD]
+    assert bytes(here.texts[0]["femors_field"]) == data
+    assert part("operators.fields").all_fields() == here.texts
+
+
+# --- groups ---------------------------------------------------------------------------------------
+def test_groups_arrive_on_the_targets_own_mesh(morphed, tools):
+    source, target, result = morphed
+    before = tools.world(target).copy()
+    assert bpy.ops.femors.transfer(field=FIELD, use_empties=True) == {"FINISHED"}
+    np.testing.assert_array_equal(tools.world(target), before)
+    assert {group.name for group in target.vertex_groups} == {"site", "tip", "pole"}
+    truth = tools.world(result)
+    tip = weights_of(target, "tip")
+    assert (tip > 0).sum() == 1 and tip.max() == 1.0
+    nearest = np.argmin(np.linalg.norm(before - truth[100], axis=1))
+    assert tip[nearest] == 1.0
+    empties = {item["femors_landmark"]: item for item in bpy.data.objects if item.type == "EMPTY"}
+    assert set(empties) == {"tip", "pole"}
+    np.testing.assert_allclose(empties["tip"].matrix_world.translation, truth[100], atol=1e-5)
+    assert [c.name for c in empties["tip"].users_collection] == [f"{FIELD} landmarks"]
+    assert 0 <= empties["tip"]["femors_residual"] < 0.05
+    site = weights_of(target, "site")
+    assert 0.0 < np.unique(site)[1] < 0.9  # partial weights
+    carried = area(source, truth, weights_of(source, "site"))
+    assert area(target, before, site) == pytest.approx(carried, rel=0.05)
+
+
+def test_the_table_lists_the_landmarks(morphed):
+    bpy.ops.femors.transfer(field=FIELD)
+    marks = bpy.context.scene.femors_transfer.marks
+    assert [mark.name for mark in marks] == ["tip", "pole"]
+    assert all(abs(mark.distance) < 1e-5 and mark.residual < 0.05 and mark.stretch > 0 for mark in marks)
+    assert all(mark.spread == -1.0 for mark in marks)
+
+
+def test_a_second_transfer_writes_its_groups_anew_and_touches_no_other(morphed):
+    _, target, _ = morphed
+    put_group(target, "tip", {0: 0.5})
+    bpy.ops.femors.transfer(field=FIELD)
+    names = [g.name for g in target.vertex_groups]
+    assert weights_of(target, "tip")[0] == 0.5 and "tip.001" in names
+    bpy.ops.femors.transfer(field=FIELD)
+    assert [g.name for g in target.vertex_groups] == names
+
+
+def test_a_region_between_the_targets_vertices_gets_the_nearest(morphed, tools):
+    source = morphed[0]
+    target = tools.add_object("Coarse", *tools.sphere(5, 6, (1.2, 0.9, 2.2)))
+    points = tools.world(source)
+    far = np.linalg.norm(points - points[105], axis=1)
+    put_group(source, "small", {int(i): 1.0 for i in np.argsort(far)[:3]})
+    assert bpy.ops.femors.transfer(field=FIELD, target="Coarse", groups="small") == {"FINISHED"}
+    got = weights_of(target, "small")
+    assert 1 <= (got > 0).sum() <= 9
+    carried = area(source, tools.world(morphed[2]), weights_of(source, "small"))
+    assert area(target, tools.world(target), got) == pytest.approx(carried, rel=0.05)
+    centre = tools.world(bpy.data.objects["Femur morphed to Scan"])[np.argsort(far)[:3]].mean(axis=0)
+    heaviest = tools.world(target)[np.argmax(got)]
+    assert np.linalg.norm(heaviest - centre) < 1.0
+
+
+def test_the_median_of_several_templates(morphed, tools):
+    source = morphed[0]
+    other = tools.add_object("Other", *tools.sphere(12, 18, (0.9, 0.85, 2.1)))
+    tip = tools.world(source)[100] * [0.9, 0.85 / 0.8, 1.05]
+    near = int(np.argmin(np.linalg.norm(tools.world(other) - tip, axis=1)))
+    put_group(other, "tip", {near: 1.0})
+    bpy.ops.femors.morph(source="Other", target="Scan")
+    assert bpy.ops.femors.transfer(field=FIELD, groups="tip", use_templates=True) == {"FINISHED"}
+    mark = bpy.context.scene.femors_transfer.marks["tip"]
+    assert mark.templates == 2
+    one, two = (
+        np.array(tools.world(bpy.data.objects[f"{name} morphed to Scan"])[row])
+        for name, row in (("Femur", 100), ("Other", near))
+    )
+    np.testing.assert_allclose(mark.point, (one + two) / 2, atol=1e-4)
+    assert mark.spread == pytest.approx(np.linalg.norm(one - two) / 2, abs=1e-4)
+
+
+# --- objects --------------------------------------------------------------------------------------
+def moved(name: str, **options):
+    """Carry an object and return its copy."""
+    assert bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects=name, **options) == {"FINISHED"}
+    return bpy.data.objects[f"{name} carried"]
+
+
+@pytest.fixture()
+def truth(morphed, part):
+    """What the core says of points."""
+    keptfield, carry = part("femors_addon.keptfield"), part("femors_addon.carry")
+    carrier = carry.Carrier(keptfield.decoded(bpy.data.texts[FIELD]["femors_field"], "x"))
+    return lambda points, **options: carrier.carry(points, **options).points
+
+
+def test_a_mesh_is_copied_and_carried_from_wherever_it_stands(morphed, tools, truth):
+    item = tools.add_object("Site", *tools.sphere(6, 8, (0.2, 0.2, 0.2)))
+    item.location, item.rotation_euler, item.scale = (0.9, 0.1, 0.2), (0.3, 0.2, 0.1), (1.0, 2.0, 0.5)
+    item.shape_key_add(name="Basis")
+    bpy.context.view_layer.update()
+    before = tools.world(item).copy()
+    copy = moved("Site")
+    np.testing.assert_allclose(tools.world(copy), truth(before), atol=1e-5)
+    np.testing.assert_array_equal(tools.world(item), before)
+    moved("Site", strength=0.5)
+    half = bpy.data.objects["Site carried.001"]
+    np.testing.assert_allclose(tools.world(half), (before + truth(before)) / 2, atol=1e-5)
+    assert bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects="Site", result="SHAPE_KEY") == {
+        "FINISHED"
+    }
+    key = item.data.shape_keys.key_blocks[-1]
+    assert key.value == 1.0 and key.name == f"Carried by {FIELD}"
+
+
+def test_inverse_takes_the_result_back(morphed, tools):
+    source, _, result = morphed
+    back = moved(result.name, inverse=True)
+    np.testing.assert_allclose(tools.world(back), tools.world(source), atol=2e-3)
+
+
+def test_projected_onto_the_target(morphed, tools):
+    _, target, _ = morphed
+    tools.add_object("Site", tools.sphere(6, 8, (0.1, 0.1, 0.1))[0] + [1.0, 0, 0], tools.sphere(6, 8)[1])
+    copy = moved("Site", project=True)
+    for point in tools.world(copy):
+        _, near, _, _ = target.closest_point_on_mesh(Vector(point))
+        assert (near - Vector(point)).length < 1e-4
+
+
+def test_empties_curves_and_bones_go_where_points_go(morphed, truth):
+    empty = bpy.data.objects.new("Mark", None)
+    empty.location = (1.0, 0.0, 0.3)
+    curve = bpy.data.curves.new("Muscle", "CURVE")
+    curve.dimensions = "3D"
+    spline = curve.splines.new("POLY")
+    spline.points.add(2)
+    path = np.array([[1.0, 0, 0.3], [1.2, 0.1, 0.5], [1.4, 0, 1.0]])
+    for point, place in zip(spline.points, path, strict=True):
+        point.co = (*place, 1.0)
+    round_one = curve.splines.new("BEZIER")
+    round_one.bezier_points[0].co = (1.1, 0, 0)
+    round_one.bezier_points[0].handle_left = (1.1, -0.1, 0)
+    round_one.bezier_points[0].handle_right = (1.1, 0.1, 0)
+    muscle = bpy.data.objects.new("Muscle", curve)
+    armature = bpy.data.armatures.new("Rig")
+    rig = bpy.data.objects.new("Rig", armature)
+    for item in (empty, muscle, rig):
+        bpy.context.scene.collection.objects.link(item)
+    rig.location = (0.1, 0.0, 0.0)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    bone = armature.edit_bones.new("Shaft")
+    bone.head, bone.tail = (0.0, 0.0, -1.5), (0.0, 0.0, 1.5)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+
+    np.testing.assert_allclose(moved("Mark").matrix_world.translation, truth([[1.0, 0, 0.3]])[0], atol=1e-5)
+    copy = moved("Muscle")
+    got = np.array([tuple(p.co)[:3] for p in copy.data.splines[0].points])
+    np.testing.assert_allclose(got, truth(path), atol=1e-5)
+    knot = copy.data.splines[1].bezier_points[0]
+    for end, place in (("handle_left", (1.1, -0.1, 0)), ("co", (1.1, 0, 0)), ("handle_right", (1.1, 0.1, 0))):
+        np.testing.assert_allclose(getattr(knot, end), truth([place])[0], atol=1e-5)
+    bones = moved("Rig").data.bones["Shaft"]
+    ends = truth([[0.1, 0, -1.5], [0.1, 0, 1.5]])
+    np.testing.assert_allclose(np.array(bones.head_local) + [0.1, 0, 0], ends[0], atol=1e-4)
+    np.testing.assert_allclose(np.array(bones.tail_local) + [0.1, 0, 0], ends[1], atol=1e-4)
+    np.testing.assert_allclose(armature.bones["Shaft"].head_local, (0, 0, -1.5), atol=1e-6)
+
+
+def test_empties_that_are_carried_are_landmarks(morphed, tools, truth):
+    """They keep their names, get their figures, and stand in the table; one far away is told."""
+    source = morphed[0]
+    for name, point in (("a", tools.world(source)[100]), ("b", (0.5, 0.0, 40.0))):
+        empty = bpy.data.objects.new(name, None)
+        empty["femors_landmark"], empty.location = name, point
+        bpy.context.scene.collection.objects.link(empty)
+    bpy.context.view_layer.update()
+    assert bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects="a;b") == {"FINISHED"}
+    marks = bpy.context.scene.femors_transfer.marks
+    assert [mark.name for mark in marks] == ["a", "b"]
+    assert marks["b"].distance > 30 and abs(marks["a"].distance) < 1e-4
+    copy = bpy.data.objects["a carried"]
+    assert copy["femors_landmark"] == "a" and copy["femors_stretch"] == pytest.approx(marks["a"].stretch)
+
+
+def test_a_landmark_that_is_there_twice_is_told(morphed):
+    source = morphed[0]
+    empty = bpy.data.objects.new("tip", None)
+    empty.parent = source
+    bpy.context.scene.collection.objects.link(empty)
+    with pytest.raises(RuntimeError, match="'tip' twice"):
+        bpy.ops.femors.morph(source="Femur", target="Scan", use_landmarks=True)
+
+
+def test_selected_objects_are_taken_where_none_is_named(morphed, tools):
+    for item in bpy.context.selected_objects:
+        item.select_set(False)
+    tools.add_object("Site", *tools.sphere(6, 8)).select_set(True)
+    assert bpy.ops.femors.transfer(what="OBJECTS") == {"FINISHED"}
+    assert [item.name for item in bpy.context.selected_objects] == ["Site carried"]
+
+
+# --- routes ---------------------------------------------------------------------------------------
+def test_groups_empties_and_the_command_line_agree(morphed, tools, tmp_path, part):
+    source, _, _ = morphed
+    bpy.ops.femors.transfer(field=FIELD, use_empties=True)
+    (tmp_path / "f.npz").write_bytes(bytes(bpy.data.texts[FIELD]["femors_field"]))
+    before = tools.world(source)[[100, len(source.data.vertices) - 1]]
+    np.savetxt(tmp_path / "marks.csv", before, delimiter=",", fmt="%.17g")
+    cli = part("femors_addon.cli")
+    out = tmp_path / "out"
+    assert cli.main(["transfer", str(tmp_path / "f.npz"), str(tmp_path / "marks.csv"), "-o", str(out)]) == 0
+    line = np.loadtxt(out / "marks.csv", delimiter=",")
+    empties = {item["femors_landmark"]: item for item in bpy.data.objects if item.type == "EMPTY"}
+    seen = [tuple(empties[name].matrix_world.translation) for name in ("tip", "pole")]
+    np.testing.assert_allclose(seen, line, atol=5e-7)
+    table = [tuple(mark.point) for mark in bpy.context.scene.femors_transfer.marks]
+    np.testing.assert_allclose(table, line, atol=5e-7)
+
+
+# --- refused --------------------------------------------------------------------------------------
+def state(tools) -> tuple:
+    groups = {
+        item.name: [g.name for g in item.vertex_groups] for item in bpy.data.objects if item.type == "MESH"
+    }
+    return tools.census(), groups, sorted(bpy.data.objects.keys())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"field": "nothing"}, "no field named 'nothing'.*Femur to Scan"),
+        ({"groups": "tibia"}, "no vertex group named 'tibia'"),
+        ({"target": "Femur"}, "same object"),
+        ({"source": "Other"}, "made for another object"),
+        ({"source": "Femur morphed to Scan"}, "lies on the target already"),
+        ({"target": "gone"}, "no object named 'gone'"),
+        ({"strength": 0.5}, "all the way"),
+        ({"use_groups": False}, "Nothing is to be made"),
+        ({"what": "OBJECTS", "objects": "gone"}, "no object named 'gone'"),
+        ({"what": "OBJECTS", "objects": "Lamp"}, "type light"),
+        ({"what": "OBJECTS", "objects": "Mark", "result": "SHAPE_KEY"}, "choose Copies"),
+        ({"what": "OBJECTS", "objects": "Femur", "project": True, "strength": 0.5}, "strength 1"),
+        ({"what": "OBJECTS", "objects": "Hollow"}, "no points"),
+    ],
+)
+def test_what_cannot_be_done_is_told_and_nothing_is_lost(morphed, tools, options, words):
+    other = tools.add_object("Other", tools.sphere(6, 8)[0] * 3, tools.sphere(6, 8)[1])
+    put_group(other, "tip", {0: 1.0})
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    mark = bpy.data.objects.new("Mark", None)
+    hollow = bpy.data.objects.new("Hollow", bpy.data.meshes.new("Hollow"))
+    for item in (lamp, mark, hollow):
+        bpy.context.scene.collection.objects.link(item)
+    before = state(tools)
+    with pytest.raises(RuntimeError, match=words):
+        bpy.ops.femors.transfer(**options)
+    assert state(tools) == before
+
+
+def test_an_empty_group_is_named(morphed, capfd):
+    source, target, _ = morphed
+    source.vertex_groups.new(name="hollow")
+    assert bpy.ops.femors.transfer() == {"FINISHED"}
+    assert "hollow" not in target.vertex_groups
+    with pytest.raises(RuntimeError, match="'hollow' is empty"):
+        bpy.ops.femors.transfer(groups="hollow")
+
+
+def test_without_a_field_it_says_to_morph_first(pair):
+    with pytest.raises(RuntimeError, match=r"Morph first|poll"):
+        bpy.ops.femors.transfer()
+
+
+def test_a_damaged_field_is_told(morphed):
+    text = bpy.data.texts[FIELD]
+    data = bytes(text["femors_field"])
+    del text["femors_field"]
+    text["femors_field"] = data[: len(data) // 2]
+    with pytest.raises(RuntimeError, match="cut short"):
+        bpy.ops.femors.transfer()
+
+
+# --- steering -------------------------------------------------------------------------------------
+def test_empties_of_equal_names_steer_the_morph(pair, tools):
+    source, target = pair
+    turn = 0.35  # about the long axis, which two ellipsoids of revolution would not tell
+    ours = tools.world(source)[[0, 45, 100, 150, 210]]
+    theirs = ours * [1.2, 0.9 / 0.8, 1.1]
+    theirs[:, 0] += 0.15 * theirs[:, 2] ** 2 / 4
+    cos, sin = np.cos(turn), np.sin(turn)
+    theirs[:, :2] = theirs[:, :2] @ np.array([[cos, sin], [-sin, cos]])
+    for item, points in ((source, ours), (target, theirs)):
+        for number, point in enumerate(points):
+            empty = bpy.data.objects.new(f"M{number}", None)
+            empty.parent, empty.location = item, point
+            bpy.context.scene.collection.objects.link(empty)
+    bpy.context.view_layer.update()
+    left = {}
+    for steer in (False, True):
+        bpy.ops.femors.morph(source="Femur", target="Scan", use_landmarks=True, steer=steer)
+        report = json.loads(bpy.context.view_layer.objects.active.femors.report)
+        assert report["landmarks"]["names"] == [f"M{n}" for n in range(5)]
+        left[steer] = np.mean(report["landmarks"]["residual"])
+    assert left[True] < 0.5 * left[False]

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``femors overclosure``: what goes in comes out under its own name, and nothing else is touched."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from solids import hexes, moved, sphere
+
+from femors_addon import deckfiles, meshfiles
+from femors_addon.cli import main
+from femors_addon.meshfiles import MeshFile
+from femors_addon.volume import Block, VolumeMesh
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two spheres that overlap, one that does not, and a deck of two plates that do."""
+    for name, by in (("one", (0, 0, 0)), ("two", (17, 1, 2)), ("far", (0, 60, 0))):
+        meshfiles.write(tmp_path / f"{name}.stl", MeshFile.of(moved(sphere(2), by)))
+    low = hexes((8, 8, 3), (20, 20, 2))
+    high = hexes((7, 7, 3), (20, 20, 2), centre=(1.0, 0.5, 1.7))
+    count = len(low.nodes)
+    blocks = (low.blocks[0], Block("hex8", high.blocks[0].nodes + count, high.blocks[0].ids + 10_000))
+    nodes = np.concatenate((low.nodes, high.nodes))
+    both = VolumeMesh(nodes, blocks, np.arange(len(nodes)) + 1)
+    parts = {
+        "LOW": np.arange(len(low.blocks[0])),
+        "HIGH": len(low.blocks[0]) + np.arange(len(high.blocks[0])),
+    }
+    (tmp_path / "plates.inp").write_bytes(deckfiles.WRITERS[".inp"](both, parts, ".inp"))
+    return tmp_path
+
+
+def run(*words: object) -> int:
+    return main(["overclosure", *map(str, words)])
+
+
+def test_two_files_come_back_apart(folder, capsys):
+    out = folder / "out"
+    assert run(folder / "one.stl", folder / "two.stl", "-o", out, "--report", folder / "r.json") == 0
+    assert "CERTIFIED" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == ["one.stl", "two.stl"]
+    report = json.loads((folder / "r.json").read_text())
+    assert report["certified"] is True
+    assert report["pairs"]["before"][0]["crossings"] > 0
+    assert report["pairs"]["after"][0]["least"] >= 0.01 - 1e-5
+    before, after = (meshfiles.read(path / "one.stl") for path in (folder, out))
+    assert np.array_equal(before.corners, after.corners)
+    assert (before.vertices != after.vertices).any()
+    # what came out is clear, and goes through unchanged to the byte
+    again = folder / "again"
+    assert run(out / "one.stl", out / "two.stl", "-o", again) == 0
+    assert "nothing had to be moved" in capsys.readouterr().out
+    for name in ("one.stl", "two.stl"):
+        assert (again / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_a_rigid_body_is_written_as_it_came(folder):
+    out = folder / "out"
+    assert run(folder / "one.stl", folder / "two.stl", "--rigid", "one", "-o", out) == 0
+    assert (out / "one.stl").read_bytes() == (folder / "one.stl").read_bytes()
+    assert (out / "two.stl").read_bytes() != (folder / "two.stl").read_bytes()
+
+
+def test_the_parts_of_a_deck_are_bodies_and_come_back_as_one_deck(folder, capsys):
+    out = folder / "out"
+    deck = folder / "plates.inp"
+    assert run(deck, "--rigid", "plates:LOW", "-o", out, "--report", folder / "r.json") == 0
+    report = json.loads((folder / "r.json").read_text())
+    assert [body["name"] for body in report["bodies"]] == ["plates:LOW", "plates:HIGH"]
+    before, after = (deckfiles.read_deck(path / "plates.inp") for path in (folder, out))
+    moved_nodes = (before.coordinates != after.coordinates).any(axis=1)
+    assert not moved_nodes[before.parts["LOW"].nodes].any()
+    assert moved_nodes[before.parts["HIGH"].nodes].any()
+    lines = [path.read_text().splitlines() for path in (deck, out / "plates.inp")]
+    assert len(lines[0]) == len(lines[1])
+    assert sum(a != b for a, b in zip(*lines, strict=True)) == moved_nodes.sum()
+    capsys.readouterr()
+    assert run("--check", out / "plates.inp") == 0
+    assert "no overclosure among 2 bodies" in capsys.readouterr().out
+
+
+def test_shares_and_exclusions(folder, capsys):
+    report = folder / "r.json"
+    files = folder / "one.stl", folder / "two.stl"
+    assert run(*files, "--share", "one=0.2", "-o", folder / "a", "--report", report) == 0
+    one, two = json.loads(report.read_text())["bodies"]
+    assert (one["share"], two["share"]) == (0.2, 0.8)
+    assert one["movement"]["maximum"] < 0.4 * two["movement"]["maximum"]
+    assert run(*files, "--exclude", "two,one", "-o", folder / "b") == 0
+    assert (folder / "b" / "two.stl").read_bytes() == (folder / "two.stl").read_bytes()
+    assert run(*files, "--pair-gap", "one,two=0.5", "-o", folder / "c", "--report", report) == 0
+    assert json.loads(report.read_text())["pairs"]["after"][0]["least"] >= 0.5 - 1e-5
+    capsys.readouterr()
+
+
+def test_the_check_writes_nothing_but_its_report(folder, capsys):
+    before = sorted(folder.iterdir())
+    names = [folder / f"{name}.stl" for name in ("one", "two", "far")]
+    assert run("--check", *names, "--report", folder / "r.json") == 0
+    said = capsys.readouterr().out
+    assert "one - two: overlap" in said
+    assert "far" not in said
+    assert sorted(folder.iterdir()) == sorted([*before, folder / "r.json"])
+    report = json.loads((folder / "r.json").read_text())
+    assert report["clear"] is False
+    assert report["pairs"][0]["depth"] == pytest.approx(2.8, abs=0.4)  # of flat faces
+
+
+def test_what_is_not_reached_is_written_and_told(folder, capsys):
+    meshfiles.write(folder / "in.stl", MeshFile.of(sphere(2, 3.0)))
+    assert run(folder / "one.stl", folder / "in.stl", "-o", folder / "out") == 1
+    caught = capsys.readouterr()
+    assert "not reached: 'one' and 'in'" in caught.err
+    assert "lies inside" in caught.err
+    assert (folder / "out" / "in.stl").read_bytes() == (folder / "in.stl").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["one.stl", "two.stl"], "-o OUTDIR is needed"),
+        (["one.stl", "-o", "out"], "at least two"),
+        (["one.stl", "one.stl", "-o", "out"], "one"),
+        (["one.stl", "two.stl", "-o", "out", "--gap", "-1"], "Minimum gap"),
+        (["one.stl", "two.stl", "-o", "out", "--rigid", "three"], "there is no such body"),
+        (["one.stl", "two.stl", "-o", "out", "--share", "one"], "NAME=S is needed"),
+        (["one.stl", "two.stl", "-o", "out", "--share", "one=x"], "is not a number"),
+        (["one.stl", "two.stl", "-o", "out", "--share", "one=2"], "from 0"),
+        (["one.stl", "two.stl", "-o", "out", "--exclude", "one"], "two names with a comma"),
+        (["one.stl", "two.stl", "-o", "out", "--exclude", "one,x"], "no body 'x'"),
+        (["one.stl", "two.stl", "-o", "out", "--rigid", "one", "--rigid", "two"], "every body is rigid"),
+        (["one.stl", "none.stl", "-o", "out"], "none.stl"),
+        (["one.stl", "two.xyz", "-o", "out"], "not a known kind"),
+        (["one.stl", "two.stl", "-o", "one.stl"], "is a file"),
+        (["one.stl", "two.stl", "-o", "."], "is also an input"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(folder, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(folder)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert run(*words) == 2
+    caught = capsys.readouterr()
+    assert said in caught.err
+    assert caught.err.count("\n") == 1
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

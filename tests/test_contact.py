@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The parts of overclosure removal against theory: gaps, places on edges, the field, the way apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from solids import box, hexes, moved, sphere
+
+from femors_addon.bodies import Body, Solid, shares
+from femors_addon.contact import Contacts, Pair, Region
+from femors_addon.contact_field import ContactField, representatives
+from femors_addon.intersect import piercings
+from femors_addon.mesh import Surface
+from femors_addon.nearest import SurfaceIndex
+from femors_addon.separation import thickness, way_apart
+
+
+def solids(by=(17.0, 1.0, 2.0)) -> tuple[Solid, Solid]:
+    return Solid(Body("one", sphere()), 0.5), Solid(Body("two", moved(sphere(), by)), 0.5)
+
+
+# --- gaps ---------------------------------------------------------------------------------------------
+def test_lazy_gaps_equal_brute_force_while_bodies_move_and_shift():
+    """Nodes are measured again only where their bound allows: what is below the reach is always exact."""
+    one, two = solids()
+    pair, random, reach = Pair(one, two, 0.0), np.random.default_rng(1), 0.6
+    for number in range(12):
+        pair.look(reach)
+        for side, shift in zip(pair.sides, (pair.offset, -pair.offset), strict=True):
+            true = SurfaceIndex(side.other.surface).signed(side.body.vertices + shift)
+            low = true < reach
+            assert low.any()
+            assert side.found.gaps[low] == pytest.approx(true[low], abs=1e-9)
+            assert (side.found.gaps[~low] >= reach - 1e-9).all()
+            assert (side.bound <= true + 1e-9).all()
+        steps = {}
+        for solid in (one, two):
+            wave = 1.0 + np.sin(solid.rest @ random.normal(size=3) / 5.0)  # smooth: the surface stays whole
+            step = 0.15 * random.normal(size=3) * wave[:, None]
+            before = solid.vertices
+            solid.move(np.arange(len(step)), step)
+            distance = np.linalg.norm(solid.vertices - before, axis=1)
+            steps[solid.name] = (distance, float(distance.max()))
+        pair.moved(steps)
+        if number == 5:
+            pair.shifted(np.array([0.4, -0.2, 0.1]))
+
+
+def test_ways_lead_out():
+    one, two = solids()
+    pair = Pair(one, two, 0.0)
+    pair.look(0.1)
+    contacts = pair.contacts(0.0, strict=True)
+    inside = contacts.gaps < 0
+    assert np.linalg.norm(contacts.ways, axis=1) == pytest.approx(1.0)
+    # the first body comes free against the second along x, mostly, and backwards
+    assert (contacts.ways[inside, 0] < -0.5).all()
+    side = pair.sides[0]
+    rows = np.flatnonzero(side.found.gaps < 0)
+    out = one.vertices[rows] - side.found.gaps[rows, None] * side.found.ways[rows]
+    assert SurfaceIndex(two.surface).closest(out).distance == pytest.approx(0.0, abs=1e-9)
+
+
+def test_edges_that_pierce_are_found_where_they_are_inside():
+    one, two = Solid(Body("one", box(2, 10.0)), 0.5), Solid(Body("two", box(2, 10.0, (8.0, 8.0, 1.0))), 0.5)
+    pair = Pair(one, two, 0.0)
+    pair.look(1.0)
+    count = pair.pierce()
+    assert count == sum(
+        len(np.unique(piercings(a.surface, b.surface).edge)) for a, b in ((one, two), (two, one))
+    )
+    for side in pair.sides:
+        places = side.between(side.body.vertices)
+        assert len(places)
+        index = SurfaceIndex(side.other.surface)
+        assert side.on_edges.gaps == pytest.approx(index.signed(places), abs=1e-9)
+        assert (side.on_edges.gaps < 0).any()
+
+
+def test_a_region_has_every_face_that_reaches_into_the_box():
+    surface = box(6, 10.0)
+    low, high = np.array([3.1, 3.2, -1.0]), np.array([3.3, 9.0, 0.5])  # smaller than a face
+    region = Region.of(surface, low, high)
+    corners = surface.corners
+    true = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+    assert len(region.surface.faces) == true.sum()
+    assert np.array_equal(surface.vertices[region.vertex], region.surface.vertices)
+
+
+# --- the field ----------------------------------------------------------------------------------------
+def patch(count: int = 30) -> Contacts:
+    """A flat square of contacts whose way out is up."""
+    x, y = np.meshgrid(np.linspace(-10, 10, count), np.linspace(-10, 10, count))
+    points = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
+    return Contacts(points, np.tile([0.0, 0.0, 1.0], (x.size, 1)), np.zeros(x.size), np.zeros(x.size))
+
+
+def test_the_field_does_what_is_asked_in_the_patch_and_nothing_far_away():
+    contacts, spread = patch(), 2.0
+    field = ContactField.fitted(contacts, np.full(len(contacts.points), 0.7), spread)
+    middle = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.5], [30.0, 0.0, 0.0], [0.0, 0.0, 3.0 * spread]])
+    rows, step = field(middle)
+    assert rows.tolist() == [0, 1]
+    assert step[0] == pytest.approx([0.0, 0.0, 0.7], abs=0.02)
+    rows, step = field(np.column_stack((np.linspace(0, 20, 400), np.zeros(400), np.zeros(400))))
+    size = step[:, 2]
+    assert (np.abs(np.diff(size)) < 0.04).all()  # no jump where it fades out
+    assert size[-1] < 0.01
+    assert size.max() < 0.85
+
+
+def test_at_least_what_is_asked_and_no_pull():
+    contacts = patch(20)
+    asked = np.where(np.abs(contacts.points[:, 0]) < 2, 0.5, -0.3)
+    field = ContactField.fitted(contacts, asked, 1.5, np.zeros(len(asked)), rounds=60)
+    rows, step = field(contacts.points)
+    assert np.isin(np.flatnonzero(asked > 0), rows).all()
+    assert (step[asked[rows] > 0, 2] > 0.98 * 0.5).all()
+    assert (field.vectors @ [0.0, 0.0, 1.0] >= 0).all()
+
+
+def test_the_deepest_of_each_cell_stands_for_it():
+    random = np.random.default_rng(0)
+    points, asked = random.random((500, 3)), random.random(500)
+    rows = representatives(points, asked, 0.25)
+    cells = np.floor((points - points.min(axis=0)) / 0.25).astype(int)
+    for cell in np.unique(cells, axis=0):
+        mine = np.flatnonzero((cells == cell).all(axis=1))
+        assert mine[np.argmax(asked[mine])] in rows
+    assert len(rows) == len(np.unique(cells, axis=0))
+
+
+# --- the way apart ------------------------------------------------------------------------------------
+def test_the_thickness_of_a_plate():
+    assert thickness(hexes((10, 10, 2), (40, 40, 2)).surface()[0]) == pytest.approx(2.0, rel=0.1)
+
+
+def test_thick_bodies_need_no_parting_and_plates_through_each_other_do():
+    one, two = solids((18.0, 1.0, 0.0))
+    pair = Pair(one, two, 0.0)
+    pair.look(0.5)
+    assert way_apart(pair) is None
+    plates = [
+        Solid(Body("low", hexes((12, 12, 3), (20, 20, 2))), 0.5),
+        Solid(Body("high", hexes((11, 11, 3), (20, 20, 2), centre=(0.7, 0.5, 0.6))), 0.5),
+    ]
+    pair = Pair(plates[0], plates[1], 0.0)
+    pair.look(0.5)
+    way = way_apart(pair)
+    assert way is not None
+    assert way[2] < 0  # the first one is below
+    assert np.linalg.norm(way) == pytest.approx(1.4, abs=0.3)
+    pair.shifted(1.1 * way)
+    pair.look(0.5)
+    assert pair.deepest(strict=True) > 0
+
+
+# --- bodies -------------------------------------------------------------------------------------------
+def test_shares():
+    body = [Body("a", sphere(1)), Body("b", sphere(1)), Body("c", sphere(1), 0.1)]
+    assert shares(body[:2]) == [0.5, 0.5]
+    assert shares(body[1:]) == [0.9, 0.1]
+    assert shares(body) == [0.5, 0.5, 0.1]
+
+
+def test_no_step_inverts_an_element_and_those_that_can_go_all_the_way():
+    mesh = hexes((6, 6, 3), (12, 12, 3))
+    solid = Solid(Body("plate", mesh), 1.0)
+    top = np.flatnonzero(mesh.nodes[:, 2] > 1.4)
+    middle = top[np.linalg.norm(mesh.nodes[top, :2], axis=1) < 2.5]
+    step = np.tile([0.0, 0.0, -4.0], (len(middle), 1))  # right through the plate
+    solid.move(middle, step)
+    assert not len(solid.inverted_new())
+    assert solid.held
+    went = mesh.nodes[middle, 2] - solid.points[middle, 2]
+    assert (went > 0.3).all()
+    other = Solid(Body("plate", mesh), 1.0)
+    other.move(middle, 0.1 * step)
+    assert np.array_equal(other.points[middle], mesh.nodes[middle] + 0.1 * step)
+    assert not other.held
+
+
+def test_vertices_at_one_place_move_as_one():
+    shape = sphere(2)
+    soup = Surface(shape.corners.reshape(-1, 3), np.arange(3 * len(shape.faces)).reshape(-1, 3))
+    solid = Solid(Body("soup", soup), 1.0)
+    assert len(solid.points) == len(shape.vertices)
+    solid.move(np.array([5]), np.array([[0.1, 0.0, 0.0]]))
+    changed = (solid.nodes != soup.vertices).any(axis=1)
+    assert 5 <= changed.sum() <= 6
+    assert len(np.unique(solid.nodes[changed], axis=0)) == 1

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Landmark files: what each kind says, LPS and RAS, what stays when they are written again, what is told."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from femors_addon import landmarkfiles
+from femors_addon.landmarkfiles import Landmarks, encoded, read
+from femors_addon.progress import FemorsError
+
+POINTS = np.array([[1.5, -2.25, 3.0], [10.0, 20.0, 30.0], [-0.125, 0.0, 1e-3]])
+NAMES = ("head", "lateral, distal", "Ä")
+ENDINGS = (".csv", ".fcsv", ".mrk.json", ".json")
+
+
+def written(tmp_path, ending: str, text: str):
+    path = tmp_path / f"marks{ending}"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# --- there and back -------------------------------------------------------------------------------
+@pytest.mark.parametrize("space", ["LPS", "RAS"])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_every_kind_comes_back(tmp_path, ending, space):
+    path = tmp_path / f"marks{ending}"
+    path.write_bytes(encoded(path, Landmarks(POINTS, NAMES, space=space)))
+    back = read(path, space)
+    assert np.array_equal(back.points, POINTS)
+    assert back.names == NAMES
+    assert back.labels == NAMES
+
+
+@pytest.mark.parametrize("ending", [".fcsv", ".mrk.json"])
+def test_the_same_points_in_either_system(tmp_path, ending):
+    """A file in RAS and one in LPS of the same patient give the same landmarks."""
+    lps, ras = tmp_path / f"lps{ending}", tmp_path / f"ras{ending}"
+    lps.write_bytes(encoded(lps, Landmarks(POINTS, NAMES)))
+    ras.write_bytes(encoded(ras, Landmarks(POINTS * [-1, -1, 1], NAMES, space="RAS")))
+    assert "RAS" in ras.read_text() and "LPS" in lps.read_text()
+    for space in ("LPS", "RAS"):
+        assert np.array_equal(read(lps, space).points, read(ras, space).points)
+    assert np.array_equal(read(ras, "LPS").points, POINTS)
+    assert np.array_equal(read(lps, "RAS").points, POINTS * [-1, -1, 1])
+
+
+@pytest.mark.parametrize(
+    ("line", "lps"),
+    [
+        ("# CoordinateSystem = LPS", True),
+        ("# CoordinateSystem = 1", True),
+        ("# CoordinateSystem = RAS", False),
+        ("# CoordinateSystem = 0", False),
+        ("# Markups fiducial file version = 4.5", False),  # before it was written down: RAS
+    ],
+)
+def test_what_an_fcsv_file_says_of_its_axes(tmp_path, line, lps):
+    text = f"{line}\n# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
+    path = written(tmp_path, ".fcsv", text + "v_1,1,2,3,0,0,0,1,1,1,0,F-1,words,node\n")
+    marks = read(path)
+    assert marks.points.tolist() == ([[1, 2, 3]] if lps else [[-1, -2, 3]])
+    assert marks.names == ("F-1",)
+
+
+def test_an_fcsv_file_keeps_all_but_its_points(tmp_path):
+    text = (
+        "# Markups fiducial file version = 4.11\n# CoordinateSystem = RAS\n"
+        "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
+        'v_1,1,2,3,0,0,0,1,1,0,1,"a, b",some words,vtkMRMLScalarVolumeNode1\n\n'
+        "v_2,4,5,6,0,0,0,1,0,1,0,c,,\n"
+    )
+    path = written(tmp_path, ".fcsv", text)
+    marks = read(path)
+    moved = encoded(path, marks.with_points(marks.points + [1, 1, 1])).decode()
+    assert moved == text.replace("1,2,3,0", "0,1,4,0", 1).replace("4,5,6,0", "3,4,7,0", 1)
+
+
+def test_a_mrk_json_file_keeps_all_but_its_points(tmp_path):
+    document = {
+        "@schema": "x",
+        "markups": [
+            {
+                "type": "Fiducial",
+                "coordinateSystem": "RAS",
+                "controlPoints": [
+                    {"id": "1", "label": "a", "position": [1, 2, 3], "locked": True, "description": "d"},
+                    {"id": "2", "label": "gone", "position": [0, 0, 0], "positionStatus": "undefined"},
+                ],
+                "display": {"color": [1, 0, 0]},
+            },
+            {"type": "Curve", "controlPoints": [{"id": "1", "label": "b", "position": [7, 8, 9]}]},
+        ],
+    }
+    path = written(tmp_path, ".mrk.json", json.dumps(document))
+    marks = read(path)
+    assert marks.names == ("a", "b")
+    assert marks.points.tolist() == [[-1, -2, 3], [7, 8, 9]]  # the second is in LPS, which is not said
+    after = json.loads(encoded(path, marks.with_points(marks.points * 2)))
+    expected = json.loads(json.dumps(document))
+    expected["markups"][0]["controlPoints"][0]["position"] = [2, 4, 6]
+    expected["markups"][1]["controlPoints"][0]["position"] = [14, 16, 18]
+    assert after == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "after"),
+    [
+        ("1,2,3\n4,5,6\n", "2,3,4\n5,6,7\n"),
+        ("name,x,y,z\na,1,2,3\n", "name,x,y,z\na,2,3,4\n"),
+        ("# note\n\nz;x;name;y;side\n3;1;a;2;left\n", "# note\n\nz;x;name;y;side\n4;2;a;3;left\n"),
+        ('a\t1\t2\t3\n"b c"\t4\t5\t6\n', "a\t2\t3\t4\nb c\t5\t6\t7\n"),
+    ],
+)
+def test_a_csv_file_keeps_its_columns_lines_and_marks(tmp_path, text, after):
+    path = written(tmp_path, ".csv", text)
+    marks = read(path)
+    assert encoded(path, marks.with_points(marks.points + 1)).decode() == after
+
+
+def test_another_kind_is_made_from_scratch(tmp_path):
+    path = written(tmp_path, ".csv", "x,y,z\n1,2,3\n4,5,6\n")
+    other = tmp_path / "out.fcsv"
+    other.write_bytes(encoded(other, read(path)))
+    assert read(other).names == ("1", "2")
+    assert read(other).points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_figures_stand_beside_the_points(tmp_path):
+    beside = {"residual": [0.25, float("nan"), 1.0], "templates": [1, 2, 3]}
+    text = encoded("t.csv", Landmarks(POINTS, NAMES), beside).decode().splitlines()
+    assert text[0] == "name,x,y,z,residual,templates"
+    assert text[2] == '"lateral, distal",10,20,30,,2'
+    path = written(tmp_path, ".csv", "\n".join(text))
+    assert read(path).names == NAMES
+
+
+# --- what is told ---------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("ending", "text", "words"),
+    [
+        (".csv", "name,x,y,z\na,1,2,3\na,4,5,6\n", "'a' stands twice"),
+        (".fcsv", "v,1,2,3,0,0,0,1,1,1,0,a\nv,1,2,4,0,0,0,1,1,1,0,a\n", "'a' stands twice"),
+        (".fcsv", "# CoordinateSystem = IJK\nv,1,2,3\n", "neither LPS nor RAS"),
+        (".fcsv", "# columns = id,x,y,z\n", "no landmarks"),
+        (".fcsv", "v,1,two,3\n", "line 1: three finite numbers"),
+        (".fcsv", "v,1,2\n", "line 1: three finite numbers"),
+        (".mrk.json", "{", "not a JSON file"),
+        (".mrk.json", "[]", "no list 'markups'"),
+        (".mrk.json", '{"markups": [3]}', "without a list of control points"),
+        (".mrk.json", '{"markups": [{"controlPoints": []}]}', "no landmarks"),
+        (".mrk.json", '{"markups": [{"controlPoints": [{"position": [1, 2]}]}]}', "control point 1"),
+        (".mrk.json", '{"markups": [{"controlPoints": [{"position": [1, 2, NaN]}]}]}', "control point 1"),
+        (".mrk.json", '{"markups": [{"coordinateSystem": "XYZ", "controlPoints": []}]}', "neither LPS"),
+    ],
+)
+def test_what_is_wrong_is_told_in_a_line(tmp_path, ending, text, words):
+    path = written(tmp_path, ending, text)
+    with pytest.raises(FemorsError, match=words) as error:
+        read(path)
+    assert str(error.value).startswith(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_an_ending_that_is_none_is_told():
+    with pytest.raises(FemorsError, match="no kind of landmark file"):
+        landmarkfiles.ending_of("marks.xlsx")
+    assert landmarkfiles.is_landmarks("A.MRK.JSON")
+    assert not landmarkfiles.is_landmarks("bone.stl")

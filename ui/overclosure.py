@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel Overclosure: bodies and their roles, pairs, Check and Remove, and the figures afterwards."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import bpy
+
+from ..femors_addon.overclosure_settings import OverclosureSettings
+from ..femors_addon.settings import specs
+from ..operators import bodies, dependencies
+from ..operators.job import JobOperator
+from .figures import draw_row, draw_sentence, length_unit, number, parsed
+from .panels import FemorsPanel, draw_job
+
+SHOWN = 12
+"""Bodies that the panel lists."""
+ICONS = {"clear": "CHECKMARK", "too near": "ERROR", "overlap": "CANCEL", "contained": "CANCEL"}
+WORDS = {"clear": "clear", "too near": "too near", "overlap": "overlap", "contained": "one inside the other"}
+
+
+class FEMORS_UL_pairs(bpy.types.UIList):
+    """Pairs of bodies with depth, nodes over and state."""
+
+    bl_idname = "FEMORS_UL_pairs"
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flag=0):
+        """Draw a row; a tick says whether the pair counts."""
+        factor, _ = length_unit(context.scene.unit_settings)
+        row = layout.row(align=True)
+        tick = "CHECKBOX_DEHLT" if item.exclude else "CHECKBOX_HLT"
+        row.prop(item, "exclude", text="", icon=tick, emboss=False)
+        cells = row.row(align=True)
+        cells.active = not item.exclude
+        depth = number(factor * item.depth) if item.depth > 0 else "-"
+        _cells(cells, (item.one, item.two), depth, str(item.over), ICONS.get(item.state, "BLANK1"))
+
+    def filter_items(self, context, data, name):
+        """Keep the order; find a body by its name."""
+        pairs = getattr(data, name)
+        wanted = self.filter_name.lower()
+        shown = [wanted in f"{pair.one} - {pair.two}".lower() for pair in pairs]
+        return [self.bitflag_filter_item if one else 0 for one in shown], []
+
+
+class FEMORS_PT_overclosure(FemorsPanel, bpy.types.Panel):
+    """Bodies, what matters, and two large buttons."""
+
+    bl_idname = "FEMORS_PT_overclosure"
+    bl_label = "Overclosure"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the form, or the running job."""
+        layout = self.layout
+        form = context.scene.femors_overclosure
+        sentence = dependencies.missing()
+        if sentence:
+            draw_sentence(layout, context, sentence, "ERROR")
+        column = layout.column()
+        column.enabled = JobOperator.current is None
+        draw_bodies(column, context)
+        settings = column.column(align=True)
+        settings.use_property_split = True
+        settings.use_property_decorate = False
+        settings.prop(form, "gap")
+        settings.prop(form, "method")
+        if form.method == "published":
+            hint = settings.row()
+            hint.alignment = "RIGHT"
+            hint.label(text="lengths in mm", icon="INFO")
+        settings.prop(form, "result")
+        if JobOperator.current is not None:
+            draw_job(layout, JobOperator.current)
+            return
+        buttons = layout.row(align=True)
+        buttons.scale_y = 1.6
+        buttons.context_pointer_set("femors_form", form)
+        buttons.operator("femors.check_overclosure", text="Check", icon="VIEWZOOM")
+        buttons.operator("femors.remove_overclosure", text="Remove", icon="MOD_EXPLODE")
+
+
+class FEMORS_PT_overclosure_pairs(FemorsPanel, bpy.types.Panel):
+    """The table of pairs, and the one that was clicked."""
+
+    bl_idname = "FEMORS_PT_overclosure_pairs"
+    bl_parent_id = "FEMORS_PT_overclosure"
+    bl_label = "Pairs"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A check must have been made."""
+        return bool(context.scene.femors_overclosure.report)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the table."""
+        layout = self.layout
+        layout.enabled = JobOperator.current is None
+        form = context.scene.femors_overclosure
+        if not len(form.pairs):
+            layout.label(text="No two bodies are near each other", icon="CHECKMARK")
+            return
+        _, unit = length_unit(context.scene.unit_settings)
+        column = layout.column(align=True)
+        heading = column.row(align=True)
+        heading.scale_y = 0.7
+        heading.label(text="", icon="BLANK1")
+        _cells(heading, (f"Pair ({unit})",), "Depth", "Nodes", "BLANK1")
+        column.template_list(
+            FEMORS_UL_pairs.bl_idname,
+            "",
+            form,
+            "pairs",
+            form,
+            "pair_index",
+            rows=min(max(len(form.pairs), 2), 8),
+        )
+        if 0 <= form.pair_index < len(form.pairs):
+            draw_pair(layout, context, form.pairs[form.pair_index])
+
+
+class FEMORS_PT_overclosure_figures(FemorsPanel, bpy.types.Panel):
+    """The certificate in words, and the figures before and after."""
+
+    bl_idname = "FEMORS_PT_overclosure_figures"
+    bl_parent_id = "FEMORS_PT_overclosure"
+    bl_label = "Figures"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A removal must have been made last."""
+        report = context.scene.femors_overclosure.report
+        return bool(report) and JobOperator.current is None and parsed(report)["kind"] == "removal"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the certificate and the tables."""
+        draw_removal(self.layout, context, parsed(context.scene.femors_overclosure.report))
+
+
+class FEMORS_PT_overclosure_advanced(FemorsPanel, bpy.types.Panel):
+    """Everything that has a good default."""
+
+    bl_idname = "FEMORS_PT_overclosure_advanced"
+    bl_parent_id = "FEMORS_PT_overclosure"
+    bl_label = "Advanced"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the advanced settings in their order."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.enabled = JobOperator.current is None
+        column = layout.column(align=True)
+        for name, (_, spec) in specs(OverclosureSettings).items():
+            if spec.advanced:
+                column.prop(context.scene.femors_overclosure, name)
+
+
+# --- parts ------------------------------------------------------------------------------------------
+def draw_bodies(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw where the bodies come from, and each with its role."""
+    form = context.scene.femors_overclosure
+    layout.row().prop(form, "bodies_from", expand=True)
+    if form.bodies_from == "COLLECTION":
+        layout.prop(form, "collection", text="")
+    else:
+        row = layout.row(align=True)
+        row.operator("femors.take_bodies", icon="RESTRICT_SELECT_OFF")
+        if form.bodies:
+            row.operator("femors.take_bodies", text="", icon="X").clear = True
+    items = bodies.chosen(context)
+    if not items:
+        return
+    box = layout.box().column(align=True)
+    for item in items[:SHOWN]:
+        split = box.split(factor=0.55, align=True)
+        split.label(text=item.name, icon="MESH_DATA")
+        role = split.row(align=True)
+        if bodies.is_linked(item):
+            role.label(text="Rigid (linked)", icon="LINKED")
+            continue
+        role.prop(item.femors, "role", text="", icon_only=True)
+        if item.femors.role == "RIGID":
+            role.label(text="Rigid")
+        else:
+            role.prop(item.femors, "share", text="")
+    if len(items) > SHOWN:
+        box.label(text=f"and {len(items) - SHOWN} more")
+
+
+def draw_pair(layout: bpy.types.UILayout, context: bpy.types.Context, pair: Any) -> None:
+    """Draw a pair in full, with what may be asked of it."""
+    factor, _ = length_unit(context.scene.unit_settings)
+    box = layout.box().column(align=True)
+    box.label(text=pair.one, icon="MESH_DATA")
+    box.label(text=pair.two, icon="MESH_DATA")
+    if pair.state in WORDS:
+        measured = f"{number(factor * pair.depth)} deep" if pair.depth > 0 else ""
+        measured = measured or f"{number(factor * pair.least)} apart"
+        words = [WORDS[pair.state], measured]
+        if pair.over:
+            words.append(f"{pair.over} nodes over")
+        if pair.crossings:
+            words.append(f"{pair.crossings} pairs of triangles cross")
+        if pair.shared > 0:
+            words.append(f"shared volume {number(factor**3 * pair.shared)}")
+        draw_sentence(box, context, ", ".join(words), ICONS[pair.state])
+    box.prop(pair, "exclude", text="May overlap (excluded)")
+    row = box.row(align=True)
+    row.active = not pair.exclude
+    row.prop(pair, "own_gap")
+    value = row.row(align=True)
+    value.enabled = pair.own_gap
+    value.prop(pair, "gap", text="")
+
+
+def draw_removal(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict[str, Any]) -> None:
+    """Draw the certificate, the pairs before and after, and what became of each body."""
+    factor, unit = length_unit(context.scene.unit_settings)
+    verdict = layout.column(align=True)
+    draw_sentence(verdict, context, report["certificate"], "CHECKMARK" if report["certified"] else "CANCEL")
+    for warning in report["warnings"]:
+        draw_sentence(verdict, context, warning, "ERROR")
+    after = {(pair["one"], pair["two"]): pair for pair in report["pairs"]["after"]}
+    column = layout.column(align=True)
+    draw_row(column, f"Gap ({unit})", "before", "after")
+    box = column.box().column(align=True)
+    for pair in report["pairs"]["before"]:
+        now = after.pop((pair["one"], pair["two"]), None)
+        _pair_row(
+            box,
+            pair,
+            number(factor * pair["least"]),
+            "apart" if now is None else number(factor * now["least"]),
+            alert=now is not None and now["state"] != "clear",
+        )
+    for pair in after.values():
+        _pair_row(box, pair, "apart", number(factor * pair["least"]))
+    before, now = (report["pairs"][key] for key in ("before", "after"))
+    box = column.box().column(align=True)
+    for title, count in (
+        ("Crossing triangles", lambda pairs: str(sum(pair["crossings"] for pair in pairs))),
+        ("Nodes over", lambda pairs: str(sum(sum(pair["over"]) for pair in pairs))),
+        ("Shared volume", lambda pairs: _volume(pairs, factor)),
+    ):
+        draw_row(box, title, count(before), count(now))
+    for body in report["bodies"]:
+        draw_body(column, factor, body)
+
+
+def draw_body(layout: bpy.types.UILayout, factor: float, body: dict[str, Any]) -> None:
+    """Draw how a body moved and changed."""
+    box = layout.box().column(align=True)
+    if not body["nodes_moved"]:
+        draw_row(box, body["name"], "", "rigid" if body["rigid"] else "not moved")
+        return
+    draw_row(box, body["name"], "", "")
+    draw_row(box, "    Nodes moved", "", str(body["nodes_moved"]))
+    draw_row(box, "    Moved up to", "", number(factor * body["movement"]["maximum"]))
+    if body["xor"] is not None:
+        draw_row(box, "    Changed volume", "", f"{100 * body['xor']:.2g} %")
+    if body["thickness"] is not None:
+        draw_row(box, "    Thinned up to", "", f"{100 * body['thickness_lost']:.2g} %")
+    if body["scaled_jacobian"] is not None:
+        figures = (f"{body['scaled_jacobian'][side]['minimum']:.3f}" for side in ("before", "after"))
+        draw_row(box, "    Jacobian, min", *figures)
+        new = len(body["newly_inverted"])
+        draw_row(box, "    Newly inverted", "", str(new), alert=new > 0)
+
+
+def _volume(pairs: list[dict[str, Any]], factor: float) -> str:
+    shared = [pair["shared"] for pair in pairs]
+    return "-" if None in shared else number(factor**3 * sum(shared))
+
+
+def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over: str, icon: str) -> None:
+    """Draw a row of the table of pairs, the two names one below the other."""
+    split = layout.split(factor=0.55, align=True)
+    column = split.column(align=True)
+    column.scale_y = 0.6 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
+    for name in names:
+        column.label(text=name)
+    cells = split.split(factor=0.5)
+    for text in (depth, over):
+        cell = cells.row()
+        cell.alignment = "RIGHT"
+        cell.label(text=text)
+    layout.label(text="", icon=icon)
+
+
+def _pair_row(layout: bpy.types.UILayout, pair: dict[str, Any], *cells: str, alert: bool = False) -> None:
+    """Draw two names one below the other, and two figures beside the second."""
+    draw_row(layout, pair["one"], "", "")
+    draw_row(layout, f"    {pair['two']}", *cells, alert=alert)
+
+
+classes = (
+    FEMORS_UL_pairs,
+    FEMORS_PT_overclosure,
+    FEMORS_PT_overclosure_pairs,
+    FEMORS_PT_overclosure_figures,
+    FEMORS_PT_overclosure_advanced,
+)

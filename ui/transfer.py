@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The panel Transfer: choose a field, choose what, go; and the table of landmarks."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import bpy
+import numpy as np
+
+from ..operators import fields
+from ..operators.job import JobOperator
+from .figures import draw_sentence, length_unit, number
+from .panels import FemorsPanel, draw_job
+
+COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "stretch"), ("spread", "spread"))
+LENGTHS = ("distance", "residual", "spread")
+
+
+class FEMORS_UL_marks(bpy.types.UIList):
+    """Landmarks with what tells how far to trust each."""
+
+    bl_idname = "FEMORS_UL_marks"
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flag=0):
+        """Draw a row."""
+        factor, _ = length_unit(context.scene.unit_settings)
+        cells = []
+        for name, _ in columns(data):
+            value = getattr(item, name)
+            unknown = (name == "spread" and value < 0) or (name == "residual" and not np.isfinite(value))
+            cells.append("-" if unknown else number(value * (factor if name in LENGTHS else 1.0)))
+        draw_cells(layout, item.name, cells)
+
+    def filter_items(self, context, data, name):
+        """Sort as the form says; the largest figures first."""
+        marks = list(getattr(data, name))
+        flags = bpy.types.UI_UL_list.filter_items_by_name(
+            self.filter_name, self.bitflag_filter_item, marks, "name", reverse=False
+        )
+        rows = sorted_rows(marks, data.sort)
+        order = [0] * len(rows)
+        for place, row in enumerate(rows):
+            order[row] = place
+        return flags, order
+
+
+def sorted_rows(marks: list[Any], sort: str) -> list[int]:
+    """Return the rows of the table in the order that the form asks for."""
+    rows = list(range(len(marks)))
+    if sort == "NAME":
+        rows.sort(key=lambda row: marks[row].name.lower())
+    elif sort != "ORDER":
+        rows.sort(key=lambda row: -_weight(sort, getattr(marks[row], sort)))
+    return rows
+
+
+def _weight(name: str, value: float) -> float:
+    """How much a figure calls for a look."""
+    if name == "stretch":
+        return abs(float(np.log(max(value, 1e-9))))
+    return abs(value) if name == "distance" else value
+
+
+def columns(form: Any) -> tuple[tuple[str, str], ...]:
+    """Return the columns that say something: without several templates there is no spread."""
+    return COLUMNS if any(mark.spread >= 0 for mark in form.marks) else COLUMNS[:-1]
+
+
+def draw_cells(layout: bpy.types.UILayout, title: str, cells: list[str]) -> None:
+    """Draw a name and right-aligned cells."""
+    rest = layout.split(factor=0.34, align=True)
+    rest.label(text=title)
+    for left in range(len(cells), 0, -1):  # columns of one width, whatever stands in them
+        if left > 1:
+            rest = rest.split(factor=1.0 / left, align=True)
+        cell = rest.row()
+        cell.alignment = "RIGHT"
+        cell.label(text=cells[len(cells) - left])
+
+
+class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
+    """Fields, what is carried, and one large button."""
+
+    bl_idname = "FEMORS_PT_transfer"
+    bl_label = "Transfer"
+    bl_order = 10
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the fields and the form, or the running job."""
+        layout, form = self.layout, context.scene.femors_transfer
+        known = fields.all_fields()
+        if not known:
+            draw_sentence(layout, context, "Morph first: the morph's field is kept and listed here", "INFO")
+            draw_files(layout)
+            return
+        chosen = form.field if form.field in known else known[0]
+        body = layout.column()
+        body.enabled = JobOperator.current is None
+        draw_fields(body, context, known, chosen)
+        draw_form(body, form, fields.head_of(chosen))
+        if JobOperator.current is not None:
+            draw_job(layout, JobOperator.current)
+            return
+        button = layout.column()
+        button.scale_y = 1.6
+        button.operator("femors.transfer", text="Transfer", icon="TRACKING_FORWARDS_SINGLE")
+        draw_files(layout)
+
+
+class FEMORS_PT_marks(FemorsPanel, bpy.types.Panel):
+    """The landmarks that were predicted last."""
+
+    bl_idname = "FEMORS_PT_marks"
+    bl_parent_id = "FEMORS_PT_transfer"
+    bl_label = "Landmarks"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There must be some."""
+        return len(context.scene.femors_transfer.marks) > 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the table, and the button that writes it."""
+        layout, form = self.layout, context.scene.femors_transfer
+        _, unit = length_unit(context.scene.unit_settings)
+        row = layout.row()
+        row.label(text=f"{form.title} ({unit})")
+        row = layout.row()
+        row.use_property_split = True
+        row.use_property_decorate = False
+        row.prop(form, "sort", text="Sort by")
+        head = layout.row()
+        head.scale_y = 0.7
+        draw_cells(head, "Name", [title for _, title in columns(form)])
+        layout.template_list("FEMORS_UL_marks", "", form, "marks", form, "mark", rows=6)
+        export = layout.operator("femors.export_landmarks", text="Export Table", icon="EXPORT")
+        export.use_table = export.use_figures = True
+
+
+def draw_fields(
+    layout: bpy.types.UILayout, context: bpy.types.Context, known: list[Any], chosen: Any
+) -> None:
+    """Draw the fields of this file, the chosen one pressed, with its date and figures below."""
+    column = layout.box().column(align=True)
+    for text in known:
+        row = column.row(align=True)
+        row.operator("femors.choose_field", text=text.name, depress=text == chosen).name = text.name
+        row.operator("femors.remove_field", text="", icon="X").name = text.name
+    head = fields.head_of(chosen)
+    factor, unit = length_unit(context.scene.unit_settings)
+    figures = head.get("figures", {}).get("target_to_surface", {})
+    lines = layout.column(align=True)
+    lines.scale_y = 0.7
+    lines.label(text=str(head.get("date", ""))[:16].replace("T", "  "), icon="TIME")
+    if figures:
+        median, p99 = (number(factor * figures[key]) for key in ("median", "p99"))
+        named = "" if unit == "scene units" else f" {unit}"
+        lines.label(text=f"fit: median {median}, 99 % {p99}{named}", icon="BLANK1")
+
+
+def draw_form(layout: bpy.types.UILayout, form: Any, head: dict[str, Any]) -> None:
+    """Draw what is carried, and how."""
+    row = layout.row()
+    row.prop(form, "what", expand=True)
+    column = layout.column()
+    column.use_property_split = True
+    column.use_property_decorate = False
+    if form.what == "GROUPS":
+        column.prop(form, "source", icon="MESH_DATA")
+        column.prop(form, "target", icon="MESH_DATA")
+        if form.source is None and form.target is None:
+            column.label(text=f"{head.get('source', '?')} onto {head.get('target', '?')}", icon="INFO")
+        ticks = column.column(align=True)
+        for name in ("use_groups", "use_empties", "use_templates", "project"):
+            ticks.prop(form, name)
+        return
+    column.prop(form, "result")
+    column.prop(form, "strength", slider=True)
+    ticks = column.column(align=True)
+    ticks.prop(form, "inverse")
+    ticks.prop(form, "project")
+    if form.project:
+        column.prop(form, "target", icon="MESH_DATA")
+
+
+def draw_files(layout: bpy.types.UILayout) -> None:
+    """Draw the buttons for landmark files."""
+    row = layout.row(align=True)
+    row.operator("femors.import_landmarks", text="Import", icon="IMPORT")
+    row.operator("femors.export_landmarks", text="Export", icon="EXPORT")
+
+
+classes = (FEMORS_UL_marks, FEMORS_PT_transfer, FEMORS_PT_marks)
