@@ -18,12 +18,16 @@ from . import decks, dependencies, heat, viewport
 
 
 def reported(item: bpy.types.Object | None) -> dict[str, Any]:
-    """Return what was reported of an object: a job's figures, its measured quality, or both."""
+    """Return what was reported of an object: the figures of jobs, and its measured quality."""
     if item is None or item.type != "MESH":
         return {}
     out = json.loads(item.femors.report) if item.femors.report else {}
     if item.femors.quality:
         out["quality"] = json.loads(item.femors.quality)
+    for scene in item.users_scene:
+        removed = json.loads(scene.femors_overclosure.report or "{}")
+        if item.name in [body.get("name") for body in removed.get("bodies", ())]:
+            out["overclosure"] = removed
     return out
 
 
