@@ -239,6 +239,7 @@ class JobOperator:
         """End with the window, the file or Blender itself (called by Blender)."""
         if self._job is not None and self._job is JobOperator.current:
             close_current()
+        wait_for_closed()  # Blender may be about to end, and a thread must not outlive it
 
     def tell(self, level: str, line: str) -> None:
         """Report one line to the user: INFO, WARNING or ERROR."""
@@ -364,3 +365,4 @@ def unregister() -> None:
 @bpy.app.handlers.persistent
 def _on_load(*_: Any) -> None:
     close_current()
+    wait_for_closed()

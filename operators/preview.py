@@ -67,6 +67,10 @@ class View:
         points = np.ascontiguousarray(vertices, dtype=np.float32)
         self._fresh = (points, _normals(points, self._triangles))
 
+    def free(self) -> None:
+        """Give back what the graphics card holds; main thread only."""
+        self._batch = self._elements = self._fresh = None
+
     @property
     def waiting(self) -> bool:
         """Whether there is something new to draw."""
@@ -114,7 +118,10 @@ def show(views: list[View]) -> None:
 
 def hide() -> None:
     """Draw nothing any more; may be repeated."""
-    handler, Screen.handler, Screen.views = Screen.handler, None, []
+    handler, Screen.handler = Screen.handler, None
+    for view in Screen.views:
+        view.free()
+    Screen.views = []
     if handler is not None:
         bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
         tag_redraw()

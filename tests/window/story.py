@@ -540,7 +540,10 @@ def other_file() -> Steps:
 
 
 def quitting() -> Steps:
-    """Quit Blender while a job runs; run_window.py sees whether it ends."""
+    """Cancel a job, start another and quit Blender while it runs; run_window.py sees whether it ends."""
+    yield from start()
+    call(bpy.ops.femors.cancel)
+    yield from wait("the operator to end", lambda: job() is None)
     yield from start()
 
 
