@@ -349,7 +349,7 @@ class FEMORS_OT_hide_heat(bpy.types.Operator):
     """Take the colours away and give the viewport the shading that it had"""
 
     bl_idname = "femors.hide_heat"
-    bl_label = "Back to Old Shading"
+    bl_label = "Hide Heat Map"
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
     @classmethod

@@ -44,9 +44,7 @@ class FEMORS_PT_morph(FemorsPanel, bpy.types.Panel):
         column.enabled = JobOperator.current is None
         draw_pickers(column, context)
         draw_options(column, form)
-        if JobOperator.current is not None:
-            if JobOperator.current.title == "Morph":
-                draw_job(layout, JobOperator.current)
+        if draw_own_job(layout, "Morph"):
             return
         button = layout.column()
         button.scale_y = 1.6
@@ -157,6 +155,15 @@ def draw_options(layout: bpy.types.UILayout, form: Any) -> None:
         column.prop(form, name)
     layout.prop(form, "result")
     layout.prop(form, "hide_target")
+
+
+def draw_own_job(layout: bpy.types.UILayout, *titles: str) -> bool:
+    """Draw the running job where a panel has started it; whether it did. Other panels keep their buttons."""
+    job = JobOperator.current
+    if job is None or job.title not in titles:
+        return False
+    draw_job(layout, job)
+    return True
 
 
 def draw_job(layout: bpy.types.UILayout, job: Job) -> None:

@@ -11,7 +11,7 @@ from ..operators import heat
 from ..operators.job import JobOperator
 from ..operators.quality import BAD, chosen
 from .figures import draw_row, draw_sentence, length_unit, number, parsed
-from .panels import FemorsPanel, draw_job
+from .panels import FemorsPanel, draw_own_job
 
 SHAPE = (
     ("Edge length", "edge", "length"),
@@ -55,9 +55,7 @@ class FEMORS_PT_quality(FemorsPanel, bpy.types.Panel):
         column.prop(form, "other", icon="MESH_DATA")
         if form.mesh is None and mesh is not None:
             layout.label(text=f"Active: {mesh.name}", icon="INFO")
-        job = JobOperator.current
-        if job is not None and job.title == "Quality":
-            draw_job(layout, job)
+        if draw_own_job(layout, "Quality"):
             return
         button = layout.column()
         button.scale_y = 1.6
@@ -185,7 +183,7 @@ class FEMORS_PT_heat(FemorsPanel, bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.6
         button.operator("femors.show_heat", icon="COLOR")
-        layout.operator("femors.hide_heat", icon="LOOP_BACK")
+        layout.operator("femors.hide_heat", text="Back to Old Shading", icon="LOOP_BACK")
         note = heat.shown(context.object)
         if note is not None and form.automatic:
             factor = length_unit(context.scene.unit_settings)[0]

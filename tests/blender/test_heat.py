@@ -139,3 +139,41 @@ def test_bad_faces_are_selected(pair, tools):
     assert bpy.context.mode == "EDIT_MESH"
     bpy.ops.object.mode_set(mode="OBJECT")
     assert [p.select for p in source.data.polygons] == bad
+
+
+def test_one_undo_takes_the_colours_away_and_one_brings_them_back(pair):
+    select(pair[0])
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.femors.show_heat("EXEC_DEFAULT", True, quantity="aspect")
+    assert "femors_heat" in bpy.data.objects["Femur"].data.color_attributes
+    bpy.ops.ed.undo()
+    mesh = bpy.data.objects["Femur"].data
+    assert "femors_heat" not in mesh.color_attributes and "femors_heat" not in mesh
+
+
+def test_a_linked_mesh_is_refused_and_measured_without_marks(pair, tmp_path):
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {pair[0]})
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["Femur"]
+    item = bpy.data.objects["Femur"]
+    bpy.context.scene.collection.objects.link(item)
+    bpy.context.view_layer.update()
+    select(item)
+    with pytest.raises(RuntimeError, match="is linked from another file: make it local"):
+        bpy.ops.femors.show_heat(quantity="aspect")
+    assert bpy.ops.femors.quality(mesh="Femur") == {"FINISHED"}
+    assert "femors_bad" not in item.data.attributes
+
+
+def test_a_colour_map_from_a_file_is_still_there_and_goes(pair, tmp_path):
+    select(pair[0])
+    bpy.ops.femors.show_heat(quantity="skewness")
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    item = bpy.data.objects["Femur"]
+    assert item.data["femors_heat"]["quantity"] == "skewness"
+    assert bpy.ops.femors.hide_heat() == {"FINISHED"}
+    assert "femors_heat" not in item.data.color_attributes
