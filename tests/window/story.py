@@ -298,7 +298,7 @@ def watched() -> Steps:
     with bpy.context.temp_override(**(view() | {"region": view()["area"].regions[-1]})):
         bpy.ops.view3d.view_all()
     before = scene_state()
-    yield from pause(1.0)
+    yield from show_panel()
     idle = Pulse()
     for _ in range(8):  # what a redraw of these two objects takes here, with nothing else to do
         view()["area"].tag_redraw()
