@@ -22,6 +22,7 @@ SHAPE_ROUNDS = 10  # moves of shape matching between two projections
 SHAPE_STEP = 0.8
 FLOOR = 0.02  # weight of a face without distortion, where one that is badly distorted has one
 PATCHES = (1, 1, 2, 2, 3, 3, 4)  # edges around a bad face, one attempt after the other
+FLAT = 1e-3  # height by longest side: a face below it is pressed flat
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
@@ -105,9 +106,22 @@ def _flattened(corners: Float) -> tuple[np.ndarray, Float, Float]:
 
 
 def folded(reference: Surface, moved: Surface) -> Int:
-    """Faces folded over against their own surroundings in `moved`, or about to, but not in `reference`."""
+    """Faces folded over or pressed flat, or about to be, in `moved`, but not in `reference`.
+
+    A face folds over against its own surroundings. It is pressed flat where nodes come to lie on one
+    point or line, as they may where a coarse target has a corner.
+    """
     after, before = _facing(moved), _facing(reference)
-    return np.flatnonzero((before > 0) & (after < np.minimum(0.05, 0.5 * before))).astype(np.int32)
+    over = (before > 0) & (after < np.minimum(0.05, 0.5 * before))
+    flat = (_slimness(moved) < FLAT) & (_slimness(reference) >= FLAT)
+    return np.flatnonzero(over | flat).astype(np.int32)
+
+
+def _slimness(surface: Surface) -> Float:
+    """Height over longest side (m,) of each face; 0 without a side."""
+    sides = (surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3))
+    longest = np.max([np.einsum("ij,ij->i", side, side) for side in sides], axis=0)
+    return 2.0 * surface.face_areas / np.maximum(longest, np.finfo(float).tiny)
 
 
 def _facing(surface: Surface) -> Float:
