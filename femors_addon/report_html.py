@@ -12,7 +12,7 @@ STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:1000px;margin:2em auto;padding:0 1em}
 h1{font-size:1.6em;margin-bottom:.2em}h2{font-size:1.2em;margin-top:2em;border-bottom:1px solid #ccc}
 p.lead{color:#555;margin-top:0}table{border-collapse:collapse;margin:.8em 0;font-size:14px}
-caption{text-align:left;font-weight:600;padding:.3em 0}
+h3{font-size:1em;margin:1em 0 .2em}h3+table{margin-top:0}
 th,td{padding:.2em .8em;border-bottom:1px solid #e2e2e2;text-align:left;vertical-align:top}
 td.n{text-align:right;font-variant-numeric:tabular-nums}thead th{border-bottom:1.5px solid #888}
 .figures{display:flex;flex-wrap:wrap;gap:1em;align-items:flex-end}figure{margin:.5em 0}
@@ -97,12 +97,17 @@ def _figure(figure: Figure) -> str:
     return f"<figure>{picture}<figcaption>{escape(figure.caption)}</figcaption></figure>"
 
 
+def _aligned(cell: str) -> str:
+    """Numbers stand to the right, words to the left."""
+    return ' class="n"' if cell[:1].isdigit() or cell[:1] in "-+[" else ""
+
+
 def _table(table: Table) -> str:
-    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
+    caption = f"<h3>{escape(table.caption)}</h3>" if table.caption else ""
     head = "".join(f"<th>{escape(cell)}</th>" for cell in table.head)
     head = f"<thead><tr>{head}</tr></thead>" if any(table.head) else ""
     rows = []
     for first, *others in table.rows:
-        cells = "".join(f'<td class="n">{escape(cell)}</td>' for cell in others)
+        cells = "".join(f"<td{_aligned(cell)}>{escape(cell)}</td>" for cell in others)
         rows.append(f"<tr><th>{escape(first)}</th>{cells}</tr>")
-    return f"<table>{caption}{head}<tbody>{''.join(rows)}</tbody></table>\n"
+    return f"{caption}<table>{head}<tbody>{''.join(rows)}</tbody></table>\n"

@@ -29,6 +29,12 @@ WORDS = {
     "stop_reason": "Verdict",
     "xor": "XOR volume",
     "rms": "RMS",
+    "edge": "Edge length",
+    "scaled_jacobian": "Scaled Jacobian",
+    "xor_uncertainty": "XOR volume, uncertainty",
+    "dice": "Dice coefficient",
+    "mesh_name": "Mesh",
+    "other_name": "Compared with",
 }
 """Keys that say less than they should."""
 

@@ -136,6 +136,10 @@ def draw_pickers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         source, target = chosen(context)
         if source is not None and target is not None:
             layout.label(text=f"Selected: {source.name} onto {target.name}", icon="INFO")
+        elif source is not None:
+            layout.label(text="Now Shift-click the source", icon="INFO")
+        else:
+            layout.label(text="Select the target, then the source", icon="INFO")
 
 
 def draw_options(layout: bpy.types.UILayout, form: Any) -> None:
