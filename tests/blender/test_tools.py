@@ -96,7 +96,7 @@ def test_presets_are_saved_and_loaded_as_blender_does(empty, part, tmp_path, mon
 
 
 def test_preferences_hold(pair, part):
-    preferences = bpy.context.preferences.addons["bl_ext.dev.femors"].preferences
+    preferences = bpy.context.preferences.addons[part("ui.preferences").PACKAGE].preferences
     limits, colours = part("femors_addon.limits").Limits, part("femors_addon.colours")
     assert part("ui.preferences").MAPS == colours.SEQUENTIAL
     try:
