@@ -291,8 +291,7 @@ def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
 
 def _merge(surface: Surface) -> tuple[Int, Int]:
     """Return (for each vertex its merged index, for each merged vertex one original index)."""
-    _, first, inverse = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
-    inverse = inverse.ravel()
+    first, inverse = unique_rows(surface.vertices)
     if len(first) == 3 * len(surface.faces) and len(surface.faces) > 1:
         from scipy.spatial import cKDTree
 
@@ -308,6 +307,20 @@ def _merge(surface: Surface) -> tuple[Int, Int]:
     return rank[inverse.ravel()], first[order].astype(np.int32)
 
 
+def unique_rows(rows: NDArray) -> tuple[NDArray, NDArray]:
+    """Return (for each different row its first index, for each row which of these it is).
+
+    As ``numpy.unique(axis=0)``, in a fraction of the time, and other threads can run meanwhile.
+    """
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    inverse = np.empty(len(rows), dtype=np.int64)
+    inverse[order] = np.cumsum(new) - 1
+    return order[new], inverse
+
+
 def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:
     """Drop faces with a repeated vertex, of no area, or standing twice."""
     a, b, c = faces.T
@@ -317,7 +330,7 @@ def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, 
     proper = (a != b) & (b != c) & (c != a)
     proper &= np.einsum("ij,ij->i", cross, cross) > (1e-12 * longest) ** 2
     keep = np.flatnonzero(proper)
-    _, first = np.unique(np.sort(faces[keep], axis=1), axis=0, return_index=True)
+    first, _ = unique_rows(np.sort(faces[keep], axis=1))
     kept = keep[np.sort(first)]
     if len(keep) < len(faces):
         notes.append(f"{len(faces) - len(keep)} faces have no area and were left out of the maths")
