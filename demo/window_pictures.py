@@ -82,7 +82,7 @@ def view(bpy: Any) -> dict[str, Any]:
 def shot(bpy: Any, name: str) -> Steps:
     """Write a screenshot."""
     with bpy.context.temp_override(**(view(bpy) | {"region": view(bpy)["area"].regions[-1]})):
-        bpy.ops.view3d.view_axis(type="FRONT")
+        bpy.ops.view3d.view_axis(type="BACK")  # y is to the front
         bpy.ops.view3d.view_all()
     yield from pause(1.5)
     path = Path(os.environ["FEMORS_WINDOW_OUT"]) / f"window_{name}.png"
@@ -161,6 +161,13 @@ def bones(bpy: Any) -> Steps:
     yield from shot(bpy, "morph")
     call(bpy, bpy.ops.femors.morph, source="femur", target="scan", hide_target=True)
     yield from shot(bpy, "figures")
+    only(bpy, "femur morphed to scan")
+    bpy.data.objects["femur"].hide_set(True)
+    call(bpy, bpy.ops.femors.show_heat, quantity="displacement")
+    unfolded(bpy, "FEMORS_PT_heat")
+    yield from shot(bpy, "heat")
+    call(bpy, bpy.ops.femors.hide_heat)
+    bpy.data.objects["femur"].hide_set(False)
     for name in ("gluteus", "iliopsoas"):
         load(bpy, f"{name}.stl", (0.1, 0.45, 0.55, 1.0))
     folder = os.environ["FEMORS_FILES"]

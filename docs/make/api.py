@@ -14,7 +14,7 @@ PUBLIC = (
     *("keptfield", "carry", "transfer", "landmarks", "landmarkfiles", "regions"),
     *("overclosure", "bodies", "overclosure_settings", "overclosure_result", "overclosure_check"),
     *("deckfiles", "deck", "deck_morph", "meshfiles", "volume", "volume_morph"),
-    *("quality", "volume_quality", "nearest", "intersect", "progress", "settings", "shapes"),
+    *("quality", "examine", "volume_quality", "nearest", "intersect", "progress", "settings", "shapes"),
 )
 """The modules that scripts are meant to use, in the order of the page."""
 

@@ -23,11 +23,13 @@ def blender_page() -> str:
 
     checkout.enable()
     try:
+        kept = "".join(map(_group, preferences(bpy)))
         return (
             "What the extension registers, as Blender itself tells it.\n\n"
             f"## Operators\n\nAll are in the search (F3) and in Python as `bpy.ops.femors.NAME(...)`.\n"
             f"{''.join(map(_operator, operators(bpy)))}"
             f"\n## Panels\n\nIn the 3D view's sidebar (N), tab *FEMORS*.\n\n{_panels(bpy)}"
+            f"\n## Preferences\n\n*Edit > Preferences > Add-ons > FEMORS*.\n{kept}"
             f"\n## Forms\n\nWhat the panels edit, as scripts reach it.\n{''.join(map(_group, groups(bpy)))}"
             f"\n## Attributes\n\n{_attributes()}"
         )
@@ -44,13 +46,18 @@ def ours(bpy: Any, base: Any) -> list[type]:
     """Return the registered classes of FEMORS below one of Blender's, by name."""
     found = [cls for cls in base.__subclasses__() if ".femors" in cls.__module__]
     mixed = [cls for cls in found for cls in cls.__subclasses__()]
-    named = {cls.__name__: cls for cls in (*found, *mixed) if hasattr(bpy.types, cls.__name__)}
+    named = {cls.__name__: cls for cls in (*found, *mixed) if getattr(cls, "is_registered", False)}
     return [named[name] for name in sorted(named)]
 
 
 def groups(bpy: Any) -> list[type]:
     """Return the property groups."""
     return ours(bpy, bpy.types.PropertyGroup)
+
+
+def preferences(bpy: Any) -> list[type]:
+    """Return the class of the preferences."""
+    return ours(bpy, bpy.types.AddonPreferences)
 
 
 def _operator(rna: Any) -> str:
@@ -63,7 +70,9 @@ def _operator(rna: Any) -> str:
 def visible(rna: Any) -> list[Any]:
     """Return the properties that a person or a script sets."""
     return [
-        item for item in rna.properties if item.identifier not in ("rna_type", "name") and not item.is_hidden
+        item
+        for item in rna.properties
+        if item.identifier not in ("rna_type", "name", "bl_idname") and not item.is_hidden
     ]
 
 
