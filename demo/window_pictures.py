@@ -79,10 +79,10 @@ def view(bpy: Any) -> dict[str, Any]:
     return {"window": window, "area": area, "region": next(r for r in area.regions if r.type == "UI")}
 
 
-def shot(bpy: Any, name: str) -> Steps:
+def shot(bpy: Any, name: str, side: str = "BACK") -> Steps:
     """Write a screenshot."""
     with bpy.context.temp_override(**(view(bpy) | {"region": view(bpy)["area"].regions[-1]})):
-        bpy.ops.view3d.view_axis(type="BACK")  # y is to the front
+        bpy.ops.view3d.view_axis(type=side)  # y is to the front of a body
         bpy.ops.view3d.view_all()
     yield from pause(1.5)
     path = Path(os.environ["FEMORS_WINDOW_OUT"]) / f"window_{name}.png"
@@ -177,7 +177,7 @@ def bones(bpy: Any) -> Steps:
     sites = ["gluteus", "iliopsoas"]
     call(bpy, bpy.ops.femors.transfer, what="OBJECTS", objects=";".join([*names, *sites]))
     unfolded(bpy, "FEMORS_PT_transfer")
-    yield from shot(bpy, "transfer")
+    yield from shot(bpy, "transfer", "FRONT")
 
 
 def knee(bpy: Any) -> Steps:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""MkDocs hook: formulas become MathML as the site is built, so that no page needs a script or a network."""
+"""MkDocs hooks, so that no page needs a network: formulas become MathML as the site is built, and what lets
+search work in pages opened from a folder comes with the manual."""
 
 from __future__ import annotations
 
@@ -10,6 +11,16 @@ from typing import Any
 from latex2mathml.converter import convert
 
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s*</\1>', re.DOTALL)
+
+
+WORKER = "assets/iframe-worker.js"
+
+
+def on_config(config: Any) -> Any:
+    """Put our copy of the script in place of the one that the plugin `offline` would fetch when read."""
+    scripts = config.extra_javascript
+    scripts[:] = [WORKER if "iframe-worker" in str(script) else script for script in scripts]
+    return config
 
 
 def on_page_content(html_text: str, **_: Any) -> str:
