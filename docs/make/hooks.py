@@ -16,11 +16,17 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\([(\[])(.*?)\\[)\]]\s
 WORKER = "assets/iframe-worker.js"
 
 
-def on_config(config: Any) -> Any:
-    """Put our copy of the script in place of the one that the plugin `offline` would fetch when read."""
-    scripts = config.extra_javascript
-    scripts[:] = [WORKER if "iframe-worker" in str(script) else script for script in scripts]
-    return config
+THEIRS = "https://unpkg.com/iframe-worker/shim"
+
+
+def on_post_page(output: str, page: Any, **_: Any) -> str:
+    """Put our copy of the script in place of the one that a reader's browser would fetch."""
+    return output.replace(THEIRS, "../" * page.url.count("/") + WORKER)
+
+
+def on_post_template(output_content: str, **_: Any) -> str:
+    """The same for the page that says that there is no such page."""
+    return output_content.replace(THEIRS, WORKER)
 
 
 def on_page_content(html_text: str, **_: Any) -> str:
