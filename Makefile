@@ -32,7 +32,7 @@ docs: setup $(DOCS_VENV)/.made ## the manual, into docs_output/: open docs_outpu
 	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict --quiet
 	@echo "docs_output/index.html"
 
-$(DOCS_VENV)/.made: requirements/docs.txt
+$(DOCS_VENV)/.made: requirements/docs.txt | setup
 	@echo "installing requirements/docs.txt into $(@D)"
 	@$(VENV)/bin/python -m venv --clear "$(@D)"
 	@"$(@D)/bin/python" -m pip install --quiet --disable-pip-version-check --no-input -r requirements/docs.txt

@@ -42,7 +42,7 @@ def operators(bpy: Any) -> list[Any]:
     return [getattr(bpy.ops.femors, name).get_rna_type() for name in sorted(dir(bpy.ops.femors))]
 
 
-def ours(bpy: Any, base: Any) -> list[type]:
+def ours(bpy: Any, base: Any) -> list[Any]:
     """Return the registered classes of FEMORS below one of Blender's, by name."""
     found = [cls for cls in base.__subclasses__() if ".femors" in cls.__module__]
     mixed = [cls for cls in found for cls in cls.__subclasses__()]
@@ -50,12 +50,12 @@ def ours(bpy: Any, base: Any) -> list[type]:
     return [named[name] for name in sorted(named)]
 
 
-def groups(bpy: Any) -> list[type]:
+def groups(bpy: Any) -> list[Any]:
     """Return the property groups."""
     return ours(bpy, bpy.types.PropertyGroup)
 
 
-def preferences(bpy: Any) -> list[type]:
+def preferences(bpy: Any) -> list[Any]:
     """Return the class of the preferences."""
     return ours(bpy, bpy.types.AddonPreferences)
 
@@ -108,7 +108,7 @@ def _panels(bpy: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _group(cls: type) -> str:
+def _group(cls: Any) -> str:
     rows = list(map(_row, visible(cls.bl_rna)))
     head = f"\n### {cls.__name__}\n\n{cell(inspect.getdoc(cls))}\n\n"
     return head + table(("Property", "Label", "Default", "What"), rows)

@@ -27,8 +27,7 @@ def collected(root: Path) -> dict[str, list[str]]:
 
 def _of(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        named = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "FemorsError"
-        if named and node.args:
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "FemorsError" and node.args:
             text = _text(node.args[0])
             if sum(character.isalpha() for character in text) > 4:  # not one that passes another on
                 yield text
