@@ -198,7 +198,9 @@ class Side:
         self.bound[rows] = np.minimum(self.found.gaps[rows], span)
         own = self.body.normals(rows)
         self.wrong[rows] = np.einsum("ij,ij->i", own, gaps.ways) > FACING
-        self.on_edges = self._measured(edges)
+        on_edges = self._measured(edges)
+        near = on_edges.gaps < reach  # places that are far off by now may be forgotten
+        self.ends, self.along, self.on_edges = self.ends[near], self.along[near], on_edges.at(near)
 
     def between(self, values: Float) -> Float:
         """Return what a quantity of the vertices is at the places on edges."""
@@ -309,7 +311,7 @@ class _Gaps:
         pairs = ((getattr(one, f.name), getattr(two, f.name)) for f in dataclasses.fields(cls))
         return cls(*map(np.concatenate, pairs))
 
-    def at(self, rows: Int) -> _Gaps:
+    def at(self, rows: NDArray) -> _Gaps:
         return _Gaps(self.gaps[rows], self.ways[rows], self.feet[rows])
 
     def put(self, rows: Int, other: _Gaps) -> None:
