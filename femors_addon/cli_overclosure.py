@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from . import booleans, cli_convert, deckfiles, files
+from . import cli_convert, deckfiles, files
 from .align import inverse, transformed
 from .bodies import Body
 from .commandline import Console, add_settings, check_paths, settings_of
@@ -127,11 +127,15 @@ def run(args: argparse.Namespace, console: Console, version: str) -> int:
     outputs = _output_paths(args)
     sources = [_read(path) for path in args.sources]
     bodies = _with_shares([body for source in sources for body in source.bodies], args)
-    exclude = [_pair(text, "--exclude") for text in args.exclude]
+    names = [body.name for body in bodies]
+    exclude = [_pair(text, "--exclude", names) for text in args.exclude]
     gaps = {}
     for text in args.pair_gap:
         pair, value = _split(text, "--pair-gap", "A,B=G")
-        gaps[_pair(pair, "--pair-gap")] = _number(value, "--pair-gap", text)
+        one, two = _pair(pair, "--pair-gap", names)
+        if (one, two) in exclude or (two, one) in exclude:
+            raise FemorsError(f"--pair-gap {text}: the pair is excluded; give it one or the other")
+        gaps[one, two] = _number(value, "--pair-gap", text)
     if args.check:
         return _check(args, console, version, bodies, settings, exclude, gaps)
     result = remove_overclosure(bodies, settings, console.progress, exclude=exclude, gaps=gaps)
@@ -150,20 +154,23 @@ def _check(
     gaps: dict[tuple[str, str], float],
 ) -> int:
     """Say what overlaps; write nothing but the report."""
-    found = check_overclosure(bodies, settings, console.progress, exclude=exclude, gaps=gaps)
+    notes: list[str] = []
+    options: dict[str, Any] = {"exclude": exclude, "gaps": gaps, "tell": notes.append}
+    found = check_overclosure(bodies, settings, console.progress, **options)
     console.end_progress()
     if args.report is not None:
         names = {"bodies": [body.name for body in bodies], "sources": args.sources}
         pairs = [finding.as_dict() for finding in found]
         report = {"femors": version, "files": names, "clear": all(f.clear for f in found), "pairs": pairs}
+        report["warnings"] = notes
         files.write_bytes(args.report, _encoded(args, report))
         console.written = True
+    for note in () if args.quiet else notes:
+        console.warn(f"note: {note}")
     for finding in found:
         console.say(str(finding))
     if all(finding.clear for finding in found):
         console.say(f"no overclosure among {len(bodies)} bodies")
-    elif not booleans.available() and not args.quiet:
-        console.warn(f"note: {booleans.MISSING}")
     return DONE
 
 
@@ -200,8 +207,9 @@ def _write(
         for note in (*notes, *result.notes):
             console.warn(f"note: {note}")
     console.say(result.summary())
+    state = "nothing was moved" if result.untouched else "the best state is written"
     for reason in result.reasons:
-        console.warn(f"not reached: {reason}; the best state is written")
+        console.warn(f"not reached: {reason}; {state}")
 
 
 def _report(args: argparse.Namespace, version: str, result: OverclosureResult) -> bytes:
@@ -221,7 +229,9 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
     if args.report is not None:
         check_ending(args.report)
         check_paths(args.sources, [args.report])
-        files.check_writable(args.report)
+        fresh = args.out is not None and not args.check and not Path(args.out).exists()
+        if not (fresh and Path(args.report).parent == Path(args.out)):  # that folder is made with the rest
+            files.check_writable(args.report)
     if args.out is None or args.check:
         return []
     folder = Path(args.out)
@@ -252,13 +262,25 @@ def _read(path: str) -> Source:
     bodies, nodes, frames = [], [], []
     for part in parts:
         mesh, mine = thing.submesh(part)
-        frame = thing.placement(part.name, part) if part.name in thing.parts else np.eye(4)
+        frame = _placed(thing, part)
         if not np.array_equal(frame, np.eye(4)):
             mesh = mesh.moved(transformed(frame, mesh.nodes))
         bodies.append(_body(path, stem if len(parts) == 1 else f"{stem}:{part.name}", mesh))
         nodes.append(mine)
         frames.append(frame)
     return Source(path, thing, tuple(bodies), tuple(nodes), tuple(frames))
+
+
+def _placed(deck: Deck, part: Part) -> Float:
+    """Return where an assembly has a part; refuse one that it has in several places."""
+    if part.name not in deck.parts:
+        return np.eye(4)
+    try:
+        return deck.placement(part.name, part)
+    except FemorsError:
+        raise FemorsError(
+            f"{deck.path}: the assembly has '{part.name}' in several places; a body needs a part of its own"
+        ) from None
 
 
 def _separate(deck: Deck) -> list[Part]:
@@ -317,11 +339,16 @@ def _split(text: str, option: str, form: str) -> tuple[str, str]:
     return name, value
 
 
-def _pair(text: str, option: str) -> tuple[str, str]:
-    names = text.split(",")
-    if len(names) != 2 or not all(names):
-        raise FemorsError(f"{option} {text}: two names with a comma between them are needed")
-    return names[0], names[1]
+def _pair(text: str, option: str, names: list[str]) -> tuple[str, str]:
+    """Split a pair at the comma that leaves two known names, for names may have commas too."""
+    cuts = [number for number, letter in enumerate(text) if letter == ","]
+    for cut in cuts:
+        if text[:cut] in names and text[cut + 1 :] in names:
+            return text[:cut], text[cut + 1 :]
+    if len(cuts) == 1 and all(text.split(",")):
+        unknown = next(name for name in text.split(",") if name not in names)
+        raise FemorsError(f"{option} {text}: there is no body '{unknown}'; there are {', '.join(names)}")
+    raise FemorsError(f"{option} {text}: two names with a comma between them are needed")
 
 
 def _number(value: str, option: str, text: str) -> float:

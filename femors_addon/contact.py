@@ -234,7 +234,8 @@ class Side:
     def contacts(self, target: float, strict: bool) -> Contacts:
         """Return the nodes that are, or were, closer than `target`, and the places on edges."""
         low = self.found.gaps < target
-        wrong, extended = self._extended(np.flatnonzero(low & self.wrong), np.flatnonzero(low & ~self.wrong))
+        known = (low | self.ever) & ~self.wrong & np.isfinite(self.found.gaps)
+        wrong, extended = self._extended(np.flatnonzero(low & self.wrong), np.flatnonzero(known))
         asked = extended.gaps < target  # others leave by the wrong side, or not at all
         wrong, extended = wrong[asked], extended.at(asked)
         low &= ~self.wrong | strict

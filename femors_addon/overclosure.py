@@ -31,7 +31,7 @@ from .overclosure_check import (
     same_surface,
 )
 from .overclosure_methods import nodal, published
-from .overclosure_result import OverclosureResult, Step, result_of
+from .overclosure_result import OverclosureResult, Step, notes_of, result_of
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError, Progress, part, silent
 from .separation import thickness
@@ -56,15 +56,21 @@ def check_overclosure(
     *,
     exclude: Iterable[tuple[str, str]] = (),
     gaps: PairGaps | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> list[Finding]:
     """Return the pairs of bodies that overlap or are closer than the band, the deepest first.
 
-    Parameters and errors are those of `remove_overclosure`; nothing is moved.
+    Parameters and errors are those of `remove_overclosure`; nothing is moved. `tell` is called with
+    each thing that the user should know of the bodies, in words.
     """
     settings = settings or OverclosureSettings()
     solids = _solids(bodies, settings)
     asked = asked_gaps(solids, settings.gap, exclude, gaps or {})
-    return find(solids, asked, _band(solids, settings), progress)
+    found = find(solids, asked, _band(solids, settings), progress)
+    if tell is not None:
+        for note in notes_of(solids, found):
+            tell(note)
+    return found
 
 
 def remove_overclosure(

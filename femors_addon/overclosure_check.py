@@ -201,11 +201,12 @@ def measure(
     pairs = max(len(crossings(a, b)), len(crossings(_single(a), _single(b))))
     if least >= band and not pairs:
         return None
-    if least >= band:  # large faces cross, and no node is near
-        least = min(
-            float(_signed(s.surface, o, np.inf, indices)[1].min()) for s, o in ((one, two), (two, one))
-        )
-        where = np.concatenate((piercings(a, b).points(a), piercings(b, a).points(b))).mean(axis=0)
+    if not np.isfinite(least):  # large faces cross, and no node is near
+        ends = ((one, two), (two, one))
+        least = min(float(_signed(s.surface, o, np.inf, indices)[1].min()) for s, o in ends)
+    if pairs and least > 0:  # edges cross, and no node is inside: the place is theirs
+        places = np.concatenate((piercings(a, b).points(a), piercings(b, a).points(b)))
+        where = places[len(places) // 2] if len(places) else where
     contained = ""
     for own, other, deep in ((one, two, inside[0]), (two, one, inside[1])):
         if not contained and deep.any() and _whole_piece(own.surface, other.surface, deep):

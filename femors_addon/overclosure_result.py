@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from .effort import Effort
 
 SAMPLE = 100  # nodes of a body at which its thickness is measured
+ALIKE = 0.9  # of the smaller body's volume: bodies that share more look like one
+WIDE = 0.1  # of the smaller body's size: a gap above it looks like one in another unit
 UNLIKE = 200.0  # times the size of another body: more looks like another unit of length
 RAY = 2.5  # mean thicknesses: how far the other side is looked for
 METHODS = {"grnn": "smooth field", "nodal": "nodal method", "published": "loop as published"}
@@ -176,7 +178,9 @@ class OverclosureResult:
         if not self.certified:
             return "NOT CERTIFIED: " + "; ".join(self.reasons)
         least = min((finding.least for finding in self.after), default=None)
-        gap = "no two bodies are near each other" if least is None else f"the smallest gap is {least:.5g}"
+        gap = "no two bodies are near each other"
+        if least is not None:
+            gap = f"the smallest gap is {least if least > 1e-12 else 0.0:.5g}"
         words = f"CERTIFIED: nothing crosses, nothing is contained, no element was inverted; {gap}"
         return words if not self.untouched else f"{words}; nothing had to be moved"
 
@@ -202,7 +206,7 @@ class OverclosureResult:
 
     def summary(self) -> str:
         """Return the pairs, the bodies and the verdict, for a person."""
-        lines = ["before:", *(f"  {finding}" for finding in self.before or ("no overclosure",))]
+        lines = ["before:", *(f"  {finding}" for finding in self.before or ("no two bodies are near",))]
         if not self.untouched:
             lines += ["after:", *(f"  {finding}" for finding in self.after)]
             lines += ["bodies:", *(f"  {_line(body)}" for body in self.bodies)]
@@ -261,7 +265,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=tuple(_notes(solids, bodies, before)),
+        notes=(*notes_of(solids, before), *_folds(bodies)),
     )
 
 
@@ -393,8 +397,16 @@ def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding],
     return f"{where}: {left} ({stop or 'stopped'})"
 
 
-def _notes(solids: Sequence[Solid], bodies: Sequence[BodyResult], before: Sequence[Finding]) -> list[str]:
-    """Return what the user should know of the bodies, in words."""
+def _folds(bodies: Sequence[BodyResult]) -> list[str]:
+    return [
+        f"{body.name}: {body.folded} faces cross others of the same body since"
+        for body in bodies
+        if body.folded
+    ]
+
+
+def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
+    """Return what the user should know of bodies and of what was found among them, in words."""
     notes = [note for solid in solids for note in solid.notes]
     for solid in solids:
         if solid.open_edges:
@@ -412,17 +424,23 @@ def _notes(solids: Sequence[Solid], bodies: Sequence[BodyResult], before: Sequen
                 f"{solid.name}: {crossed} faces near the overclosure crossed others of the same body before; "
                 "which side is inside is uncertain there"
             )
-    notes += [
-        f"{body.name}: {body.folded} faces cross others of the same body since"
-        for body in bodies
-        if body.folded
-    ]
     sizes = sorted((solid.begun_surface.diagonal, solid.name) for solid in solids)
     if sizes[0][0] * UNLIKE < sizes[-1][0]:
         notes.append(
             f"'{sizes[-1][1]}' is {sizes[-1][0] / sizes[0][0]:.0f} times as large as '{sizes[0][1]}': "
             "are all bodies in one unit of length?"
         )
+    of = {solid.name: solid.begun_surface for solid in solids}
+    for finding in before:
+        smaller = min((of[name] for name in finding.names), key=lambda s: abs(s.volume))
+        if finding.shared is not None and finding.shared > ALIKE * abs(smaller.volume) > 0:
+            notes.append(f"{finding.one} and {finding.two}: take up nearly the same room; are they one body?")
+        size = min(of[name].diagonal for name in finding.names)
+        if finding.gap > WIDE * size:
+            notes.append(
+                f"{finding.one} and {finding.two}: the gap of {finding.gap:g} is {finding.gap / size:.0%} of "
+                "the smaller body's size; is it in the bodies' unit?"
+            )
     if not booleans.available() and before:
         notes.append(booleans.MISSING)
     return notes

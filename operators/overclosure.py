@@ -128,13 +128,14 @@ class FEMORS_OT_check_overclosure(BodiesOperator, bpy.types.Operator):
         form = context.scene.femors_overclosure
         fill_pairs(form, checked.findings, self._ask)
         pairs = [finding.as_dict() for finding in checked.findings]
-        form.report = json.dumps({"kind": "check", "pairs": pairs, "warnings": self._notes})
+        notes = [*self._notes, *checked.notes]
+        form.report = json.dumps({"kind": "check", "pairs": pairs, "warnings": notes})
         bad = [finding for finding in checked.findings if not finding.clear]
         if not bad:
             line = f"No overclosure: {len(items)} bodies, {len(pairs)} pairs near each other, all clear"
         else:
             line = f"{len(bad)} of {len(pairs)} pairs overlap or are too near; {bad[0]}"
-        return ("WARNING" if self._notes else "INFO"), "; ".join([line + note, *self._notes])
+        return ("WARNING" if notes else "INFO"), "; ".join([line + note, *notes])
 
 
 @add_properties(body_arguments(), _numbers(), result_property(ARGUMENT))

@@ -49,10 +49,13 @@ class Checked:
     findings : list of Finding
     gaps : dict of str to (n,)
         Signed distance to the nearest other body, by vertex of each body.
+    notes : tuple of str
+        What the user should know of the bodies.
     """
 
     findings: list[Finding]
     gaps: dict[str, Array]
+    notes: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,10 +83,11 @@ def check(shots: list[bodies.BodyShot], ask: Ask, progress: Progress) -> Checked
 
     models = bodies.models(shots)
     found = [model.body for model in models]
-    findings = check_overclosure(
-        found, ask.settings, part(progress, 0.0, 0.7), exclude=ask.exclude, gaps=ask.gaps
-    )
-    return Checked(findings, _gaps(models, found, ask, part(progress, 0.7, 1.0)))
+    notes: list[str] = []
+    options: dict[str, Any] = {"exclude": ask.exclude, "gaps": ask.gaps, "tell": notes.append}
+    findings = check_overclosure(found, ask.settings, part(progress, 0.0, 0.7), **options)
+    gaps = _gaps(models, found, ask, part(progress, 0.7, 1.0))
+    return Checked(findings, gaps, tuple(notes))
 
 
 def remove(

@@ -61,3 +61,51 @@ def hexes(cells, size, bend: float = 0.0, centre=(0.0, 0.0, 0.0)) -> VolumeMesh:
 def box(cells: int, size: float, centre=(0.0, 0.0, 0.0)) -> Surface:
     """A cube of triangles with sharp edges."""
     return hexes((cells,) * 3, (size,) * 3, centre=centre).surface()[0]
+
+
+# --- checks by brute force, which share no code with what they check ------------------------------------
+def gaps(points: np.ndarray, surface: Surface) -> np.ndarray:
+    """Signed distances (p,) of points to a closed surface, by every point and every face; negative inside."""
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    ab, ac = b - a, c - a
+    normal = np.cross(ab, ac)
+    out = np.empty(len(points))
+    for row, p in enumerate(points):
+        best = np.full(len(a), np.inf)
+        for start, along in ((a, ab), (b, c - b), (c, a - c)):
+            t = np.clip(((p - start) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
+            best = np.minimum(best, ((start + t[:, None] * along - p) ** 2).sum(1))
+        height = ((p - a) * normal).sum(1) / (normal**2).sum(1)
+        foot = p - height[:, None] * normal - a
+        d00, d01, d11 = (ab**2).sum(1), (ab * ac).sum(1), (ac**2).sum(1)
+        d20, d21 = (foot * ab).sum(1), (foot * ac).sum(1)
+        v = (d11 * d20 - d01 * d21) / (d00 * d11 - d01**2)
+        w = (d00 * d21 - d01 * d20) / (d00 * d11 - d01**2)
+        inside = (v >= 0) & (w >= 0) & (v + w <= 1)
+        best = np.where(inside, np.minimum(best, height**2 * (normal**2).sum(1)), best)
+        u = [corner - p for corner in (a, b, c)]
+        length = [np.linalg.norm(x, axis=1) for x in u]
+        top = (u[0] * np.cross(u[1], u[2])).sum(1)
+        low = np.prod(length, axis=0)
+        low = low + sum((u[i] * u[i - 1]).sum(1) * length[i - 2] for i in range(3))
+        winding = np.arctan2(top, low).sum() / (2 * np.pi)
+        out[row] = np.sqrt(best.min()) * (-1.0 if winding > 0.5 else 1.0)
+    return out
+
+
+def crosses(one: Surface, two: Surface) -> bool:
+    """Whether an edge of one closed surface goes through a face of the other: every edge, every face."""
+    for s, t in ((one, two), (two, one)):
+        a, b, c = (t.vertices[t.faces[:, k]] for k in range(3))
+        sides = s.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        for i, j in np.unique(np.sort(sides, axis=1), axis=0):
+            p, d = s.vertices[i], s.vertices[j] - s.vertices[i]
+            h = np.cross(d, c - a)
+            det = ((b - a) * h).sum(1)
+            safe = np.where(np.abs(det) > 1e-14, det, np.inf)
+            u = ((p - a) * h).sum(1) / safe
+            q = np.cross(p - a, b - a)
+            v, along = (q * d).sum(1) / safe, (q * (c - a)).sum(1) / safe
+            if ((u > 1e-9) & (v > 1e-9) & (u + v < 1 - 1e-9) & (along > 1e-9) & (along < 1 - 1e-9)).any():
+                return True
+    return False
