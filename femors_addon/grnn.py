@@ -216,15 +216,16 @@ class Cells:
     def typical(self) -> float:
         """Centres in the 27 cells around a centre, on average over a sample."""
         sample = self.keys[:: max(len(self.keys) // 256, 1)]
-        return float(np.mean([sum(stop - start for start, stop in self._ranges(key)) for key in sample]))
+        start, stop = self._bounds(sample)
+        return float((stop - start).sum(axis=1).mean())
 
-    def _ranges(self, key: int) -> list[tuple[int, int]]:
-        """Slices of `order` that hold the 27 cells around a cell."""
+    def _bounds(self, keys: Int) -> tuple[Int, Int]:
+        """Where the nine rows of three cells around cells (k,) start and stop in `order`, (k, 9) each."""
         plane, row = self.shape[1] * self.shape[2], self.shape[2]
-        base = np.array([key + i * plane + j * row for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        around = np.array([i * plane + j * row for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        base = np.asarray(keys)[:, None] + around
         start = np.searchsorted(self.keys, base - 1, side="left")
-        stop = np.searchsorted(self.keys, base + 1, side="right")
-        return [(int(a), int(b)) for a, b in zip(start, stop, strict=True) if b > a]
+        return start, np.searchsorted(self.keys, base + 1, side="right")
 
     def meetings(self, points: Float) -> Iterator[tuple[Float, Int, Int]]:
         """Yield (origin, query rows, centre indices), at most `BLOCK` pairs at a time."""
@@ -234,15 +235,16 @@ class Cells:
         keys = (cell[:, 0] * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
         order = np.argsort(keys, kind="stable")
         unique, first = np.unique(keys[order], return_index=True)
-        for key, rows in zip(unique, np.split(inside[order], first[1:]), strict=True):
-            ranges = self._ranges(key)
+        starts, stops = self._bounds(unique)
+        for start, stop, rows in zip(starts, stops, np.split(inside[order], first[1:]), strict=True):
+            ranges = [self.order[a:b] for a, b in zip(start, stop, strict=True) if b > a]
             if not ranges:
                 continue
-            chosen = np.concatenate([self.order[start:stop] for start, stop in ranges])
+            chosen = np.concatenate(ranges)
             origin = points[rows[0]]
             step = max(BLOCK // len(chosen), 1)
-            for start in range(0, len(rows), step):
-                yield origin, rows[start : start + step], chosen
+            for at in range(0, len(rows), step):
+                yield origin, rows[at : at + step], chosen
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
