@@ -55,10 +55,8 @@ class SurfaceIndex:
         self._triangles = Triangles.of(surface.corners)
         sides = (surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3))
         squared = np.max([dot(side, side) for side in sides], axis=0)
-        order = np.argsort(surface.faces.ravel(), kind="stable")
-        self._faces_at = (order // 3).astype(np.int32)  # faces, vertex by vertex
-        count = np.bincount(surface.faces.ravel(), minlength=len(surface.vertices))
-        self._first = np.concatenate(([0], np.cumsum(count)))
+        self._faces_at, self._first = surface.corner_order
+        count = np.diff(self._first)
         longest = np.zeros(len(surface.vertices))
         np.maximum.at(longest, surface.faces.ravel(), np.repeat(np.sqrt(squared), 3))
         self._slack = longest**2 / 3.0

@@ -11,11 +11,10 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from .intersect import Piercings, crossings, piercings, self_intersections
-from .mesh import Float, Int, Surface, edge_matrix, unit
+from .mesh import Float, Int, Surface, unit
 from .nearest import SurfaceIndex
 
 __all__ = [
@@ -155,8 +154,8 @@ def _opposed(surface: Surface) -> np.ndarray:
 def _inverted(before: Surface, after: Surface) -> np.ndarray:
     """True (m,) for the faces of closed components whose volume has changed its sign, unless all have."""
     count = len(before.faces)
-    pairs, _ = before.edge_faces
-    parts, part = csgraph.connected_components(edge_matrix(pairs, count), directed=False)
+    pairs, part = before.edge_faces[0], before.components
+    parts = int(part.max(initial=-1)) + 1
     shared = np.bincount(pairs.ravel(), minlength=count)
     closed = np.bincount(part, shared != 3, minlength=parts) == 0
     change = np.sign(_volumes(before, part, parts)) * np.sign(_volumes(after, part, parts))
