@@ -125,8 +125,9 @@ class _Side:
     sample_normals: Float
 
     @classmethod
-    def of(cls, surface: Surface, count: int) -> _Side:
-        sample = reduced(surface, count)
+    def of(cls, surface: Surface, sample: Surface | None) -> _Side:
+        if sample is None:
+            sample = reduced(surface, SAMPLE)
         return cls(
             surface.vertices,
             surface.vertex_normals,
@@ -412,6 +413,7 @@ def align(
     fix_units: bool = False,
     fix_mirror: bool = False,
     landmarks: tuple[Float, Float] | None = None,
+    samples: tuple[Surface, Surface] | None = None,
     progress: Progress = silent,
 ) -> Alignment:
     """Lay the source onto the target.
@@ -428,6 +430,8 @@ def align(
         Apply a unit factor or a mirror image where one is found; otherwise only say so.
     landmarks : ((k, 3), (k, 3)), optional
         Paired landmarks on source and target: the start, instead of trying poses.
+    samples : (Surface, Surface), optional
+        Reduced versions of the two, to search with, where they are there already.
     """
     warnings: list[str] = []
     start = np.eye(4)
@@ -441,13 +445,13 @@ def align(
             warnings.append(words + "; tick Convert units to apply it (it was not scaled)")
             kind = "none" if kind == "none" else "rigid"
     if kind == "none":
-        return Alignment(start, _misfit(start, source, target, partial), tuple(warnings))
+        ours, theirs = _sides(source, target, start, samples)
+        return Alignment(start, _pairs(np.eye(4), ours, theirs, partial).misfit, tuple(warnings))
     progress(0.0, "alignment: samples")
     # in its own principal frame the source is reduced alike from whatever pose it comes
     canonical = canonical_frame(transformed(start, source.vertices))
     start = canonical @ start
-    scaled = source.moved(transformed(start, source.vertices))
-    ours, theirs = _Side.of(scaled, SAMPLE), _Side.of(target, SAMPLE)
+    ours, theirs = _sides(source, target, start, samples)
     tolerance = 1e-5 * target.diagonal
     if landmarks is not None:
         points = transformed(start, landmarks[0])
@@ -492,5 +496,11 @@ def _choose_hand(
     return first, [words + "; tick Mirror if better to use it"]
 
 
-def _misfit(matrix: Float, source: Surface, target: Surface, partial: str) -> float:
-    return _pairs(matrix, _Side.of(source, SAMPLE), _Side.of(target, SAMPLE), partial).misfit
+def _sides(
+    source: Surface, target: Surface, start: Float, samples: tuple[Surface, Surface] | None
+) -> tuple[_Side, _Side]:
+    """The two as ICP needs them, the source moved by `start`."""
+    one, two = samples or (None, None)
+    moved = source.moved(transformed(start, source.vertices))
+    sample = None if one is None else one.moved(transformed(start, one.vertices))
+    return _Side.of(moved, sample), _Side.of(target, two)

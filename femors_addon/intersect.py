@@ -151,9 +151,7 @@ def _heights(one: _Planes, f: Index, two: _Planes, g: Index) -> list[Float]:
     """Heights of the three corners of each face f over the plane of the face g beside it."""
     points = np.ascontiguousarray(one.corners.reshape(-1, 9).take(f, axis=0).T)
     x, y, z, nx, ny, nz = np.ascontiguousarray(two.planes.take(g, axis=0).T)
-    return [
-        (points[k] - x) * nx + (points[k + 1] - y) * ny + (points[k + 2] - z) * nz for k in (0, 3, 6)
-    ]
+    return [(points[k] - x) * nx + (points[k + 1] - y) * ny + (points[k + 2] - z) * nz for k in (0, 3, 6)]
 
 
 def _both_sides(heights: list[Float], tolerance: Float) -> NDArray[np.bool_]:

@@ -243,11 +243,13 @@ def compare(
     *,
     target_index: SurfaceIndex | None = None,
     to_target: Float | None = None,
+    self_intersecting: int | None = None,
 ) -> Comparison:
     """Measure `morphed` (the faces of `source` at new positions) against `target`.
 
     All three cleaned: merged and wound consistently. `target_index` is the search structure of
-    `target`, and `to_target` (n,) the morphed vertices' distances to it, where they are there already.
+    `target`, `to_target` (n,) the morphed vertices' distances to it and `self_intersecting` the number of
+    morphed faces that cross others, where they are known already.
     """
     points, aims = _used(morphed), _used(target)
     there = back = np.zeros(0)
@@ -255,6 +257,8 @@ def compare(
         index = target_index or SurfaceIndex(target)
         there = index.closest(points).distance if to_target is None else to_target
         back = SurfaceIndex(morphed).closest(aims).distance
+    if self_intersecting is None:
+        self_intersecting = len(np.unique(self_intersections(morphed)))
     return Comparison(
         surface_to_target=Stat.of(there),
         target_to_surface=Stat.of(back),
@@ -264,5 +268,5 @@ def compare(
         dihedral=Stat.of(dihedral_angles(morphed)),
         movement=Stat.of(np.linalg.norm(morphed.vertices - source.vertices, axis=1)),
         flipped=len(flipped_faces(source, morphed)),
-        self_intersecting=len(np.unique(self_intersections(morphed))),
+        self_intersecting=self_intersecting,
     )

@@ -99,8 +99,8 @@ class ShapeMatching:
         fitted = np.maximum((real * real + imaginary * imaginary) * self._size, np.finfo(float).tiny)
         worst = sum(x * x for x in change_x) + sum(y * y for y in change_y)
         weight = FLOOR + np.minimum(worst / fitted, 1.0)
-        shared = np.bincount(self._at, np.tile(weight, 3), self._count)
-        shared = 1.0 / np.maximum(shared, np.finfo(float).tiny)
+        given = np.bincount(self._at, np.tile(weight, 3), self._count)
+        shared = 1.0 / np.maximum(given, np.finfo(float).tiny)
         change_x, change_y = [weight * x for x in change_x], [weight * y for y in change_y]
         total = np.empty((self._count, 3))
         for axis, (u, v) in enumerate(zip(along, across, strict=True)):
@@ -195,7 +195,7 @@ def settle(
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
             positions = positions + share * SHAPE_STEP * matching.move(positions)
         if settings.projection > 0:
-            step = _to_target(aligned.moved(positions), target, lines, settings)
+            step = _to_target(aligned.moved(positions), target, lines, settings, number < rounds - 1)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
     progress(rounds / (rounds + 1), "checking for folded faces")
@@ -228,9 +228,11 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     return share[:, None] * step
 
 
-def _to_target(moved: Surface, target: SurfaceIndex, lines: FeatureLines, settings: MorphSettings) -> Float:
+def _to_target(
+    moved: Surface, target: SurfaceIndex, lines: FeatureLines, settings: MorphSettings, rough: bool
+) -> Float:
     """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours."""
-    found = target.closest(moved.vertices)
+    found = target.closest(moved.vertices, rough=rough)
     normals = interpolated_normals(target.surface, found.face, found.barycentric)
     kept = np.einsum("ij,ij->i", moved.vertex_normals, normals) > FACING
     if settings.partial != "none":

@@ -43,7 +43,9 @@ class Triangles:
         rank[thin] = np.arange(len(thin), dtype=np.int32)
         table = np.column_stack((a, ab, ac, ab2, ac2, abac))
         middle = (ab + ac) / 3.0
-        radius = np.max([dot(middle, middle), dot(ab - middle, ab - middle), dot(ac - middle, ac - middle)], axis=0)
+        radius = np.max(
+            [dot(middle, middle), dot(ab - middle, ab - middle), dot(ac - middle, ac - middle)], axis=0
+        )
         return cls(table, np.column_stack((a + middle, np.sqrt(radius))), _Thin.of(corners[thin]), rank)
 
     def within(self, p: Float, ids: Int, distance: Float) -> np.ndarray:
