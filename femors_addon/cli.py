@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import datetime
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +12,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import cli_convert, cli_landmarks, cli_overclosure, cli_transfer, deckfiles, files, landmarkfiles
+from . import (
+    cli_convert,
+    cli_landmarks,
+    cli_overclosure,
+    cli_quality,
+    cli_transfer,
+    deckfiles,
+    files,
+    landmarkfiles,
+)
 from .align import inverse, transformed
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
@@ -24,6 +32,9 @@ from .meshfiles import MeshFile
 from .morph import MorphResult, morph
 from .morph_settings import PRESETS, MorphSettings
 from .progress import FemorsError
+from .report_figures import morph_figures
+from .report_files import HELP, check_ending, report_bytes
+from .report_html import Section
 from .version import version
 from .volume_morph import VolumeMorphResult
 
@@ -32,7 +43,8 @@ DONE, IMPERFECT, REFUSED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 130
 EXIT_CODES = """exit codes:
   0    done
   1    the result is written, but the morph did not converge, or the result has flipped
-       faces or self-intersections that the source had not; the reason is on stderr
+       faces or self-intersections that the source had not; or the mesh that was measured
+       has faults; the reason is on stderr
   2    bad input or usage: one line on stderr, nothing is written
   3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
   130  interrupted (Ctrl-C); the last line says if anything is written
@@ -141,7 +153,7 @@ def _morph_options(parser: argparse.ArgumentParser) -> None:
         help="the part, element set or node set of SOURCE to be morphed, where a deck has several; or 'all'",
     )
     parser.add_argument("--target-part", metavar="NAME", help="the same of TARGET")
-    parser.add_argument("--report", metavar="R.json", help="settings, history and every figure, as JSON")
+    parser.add_argument("--report", metavar="R", help=HELP)
     parser.add_argument(
         "--field", metavar="F.npz", help="the alignment and the displacement field, as NumPy arrays"
     )
@@ -159,6 +171,8 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     others = [path for path in (args.report, args.field) if path is not None]
     check_paths([args.source, args.target, *landmarks], [args.out, *others])
     deckfiles.suffix_of(args.out)
+    if args.report is not None:
+        check_ending(args.report)
     files.check_writable(args.out, *others)
     *pairs, names = _landmarks(landmarks)
     source, target = deckfiles.read(args.source), deckfiles.read(args.target)
@@ -194,7 +208,10 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
         for path, data in written.files.items():
             paths[path].write_bytes(data)
         if args.report is not None:
-            paths[args.report].write_text(_report(args, result, faults), encoding="utf-8")
+            title = f"Morph of {Path(args.source).name} to {Path(args.target).name}"
+            report = _report(args, result, faults)
+            data = report_bytes(args.report, report, title, lambda: _figures(surface, aim, figures))
+            paths[args.report].write_bytes(data)
         if args.field is not None:
             date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             names = (Path(args.source).stem, Path(args.target).stem)
@@ -246,11 +263,20 @@ def _faults(result: MorphResult, source: Surface) -> list[str]:
     return faults
 
 
-def _report(args: argparse.Namespace, result: MorphResult | VolumeMorphResult, faults: list[str]) -> str:
+def _figures(surface: Surface, aim: Surface, figures: MorphResult) -> list[Section]:
+    """Return a report's pictures; all in the place of the target."""
+    aligned = surface.moved(transformed(figures.transform, surface.vertices))
+    values = {"displacement": figures.displacement, "surface_distance": figures.surface_distance}
+    return morph_figures(aligned, surface.moved(figures.vertices), aim, values)
+
+
+def _report(
+    args: argparse.Namespace, result: MorphResult | VolumeMorphResult, faults: list[str]
+) -> dict[str, Any]:
     names = {"source": args.source, "target": args.target, "out": args.out, "field": args.field}
     report = {"femors": version(), "files": names, "faults": faults, **result.report()}
     report["warnings"] = [_with_file(text, args) for text in report["warnings"]]
-    return json.dumps(report, indent=1, allow_nan=False) + "\n"
+    return report
 
 
 COMMANDS = (
@@ -267,6 +293,13 @@ COMMANDS = (
         help="Write IN in the format that OUT's name says; in its own format it stays as it is.",
         options=cli_convert.options,
         run=cli_convert.run,
+    ),
+    Command(
+        name="quality",
+        usage="MESH [OTHER] [options]",
+        help="Measure MESH: shapes of its faces, faults, volume, and its distance from OTHER.",
+        options=cli_quality.options,
+        run=cli_quality.run,
     ),
     Command(
         name="transfer",

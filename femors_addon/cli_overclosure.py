@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from .meshfiles import MeshFile
 from .overclosure import OverclosureResult, check_overclosure, remove_overclosure
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError
+from .report_files import ENDINGS_HELP, check_ending, report_bytes
 from .volume import VolumeMesh
 
 DONE, IMPERFECT = 0, 1
@@ -114,7 +114,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "--check", action="store_true", help="only say which bodies overlap, how deep and where; move nothing"
     )
     parser.add_argument(
-        "--report", metavar="R.json", help="pairs, bodies, settings and every figure, as JSON"
+        "--report", metavar="R", help="pairs, bodies, settings and every figure; " + ENDINGS_HELP
     )
     add_settings(parser, OverclosureSettings, {})
 
@@ -156,7 +156,7 @@ def _check(
         names = {"bodies": [body.name for body in bodies], "sources": args.sources}
         pairs = [finding.as_dict() for finding in found]
         report = {"femors": version, "files": names, "clear": all(f.clear for f in found), "pairs": pairs}
-        files.write_bytes(args.report, _encoded(report))
+        files.write_bytes(args.report, _encoded(args, report))
         console.written = True
     for finding in found:
         console.say(str(finding))
@@ -206,11 +206,11 @@ def _write(
 
 def _report(args: argparse.Namespace, version: str, result: OverclosureResult) -> bytes:
     names = {"sources": args.sources, "out": args.out}
-    return _encoded({"femors": version, "files": names, **result.report()})
+    return _encoded(args, {"femors": version, "files": names, **result.report()})
 
 
-def _encoded(report: Mapping[str, Any]) -> bytes:
-    return (json.dumps(report, indent=1, allow_nan=False) + "\n").encode()
+def _encoded(args: argparse.Namespace, report: Mapping[str, Any]) -> bytes:
+    return report_bytes(args.report, report, f"Overclosure of {len(args.sources)} bodies")
 
 
 # --- what is asked for --------------------------------------------------------------------------------
@@ -219,6 +219,7 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
     for path in args.sources:
         deckfiles.suffix_of(path)
     if args.report is not None:
+        check_ending(args.report)
         check_paths(args.sources, [args.report])
         files.check_writable(args.report)
     if args.out is None or args.check:

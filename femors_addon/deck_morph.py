@@ -15,9 +15,9 @@ from .deck import ALL, Deck, Part
 from .mesh import Float, Surface
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
-from .progress import FemorsError, Progress, silent
+from .progress import FemorsError, Preview, Progress, silent
 from .volume import carry_mid_nodes
-from .volume_morph import VolumeMorphResult, morph_volume
+from .volume_morph import VolumeMorphResult, at_nodes, morph_volume
 from .volume_quality import scaled_jacobians
 
 
@@ -33,6 +33,7 @@ def morph_part(
     target_landmarks: ArrayLike | None = None,
     landmark_names: Sequence[str] | None = None,
     morph: Any = None,
+    preview: Preview | None = None,
 ) -> tuple[Deck, MorphResult | VolumeMorphResult]:
     """Morph a part of a deck onto a surface.
 
@@ -48,6 +49,8 @@ def morph_part(
         Of the deck's nodes, from 0 to 1: how far each may follow.
     morph : callable, optional
         What morphs surfaces, in place of `morph.morph`.
+    preview : Preview, optional
+        Given all of the deck's coordinates (n, 3).
 
     Returns
     -------
@@ -70,6 +73,8 @@ def morph_part(
     }
     share = None if weights is None else np.asarray(weights, dtype=float).ravel()[nodes]
     coordinates = np.array(deck.coordinates)
+    if preview is not None:
+        options["preview"] = at_nodes(preview, deck.coordinates, nodes)
     result: MorphResult | VolumeMorphResult
     if mesh.solid:
         result = morph_volume(mesh, target, settings, progress, weights=share, **options)
@@ -78,6 +83,8 @@ def morph_part(
         surface, on_faces = mesh.surface()
         if share is not None:
             options["weights"] = share[on_faces]
+        if preview is not None:
+            options["preview"] = at_nodes(options["preview"], mesh.nodes, on_faces)
         result = (morph or surfaces.morph)(surface, target, settings, progress, **options)
         aligned = transformed(result.transform, mesh.nodes)
         moved = aligned.copy()

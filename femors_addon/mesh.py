@@ -311,7 +311,7 @@ def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
 
 def _merge(surface: Surface) -> tuple[Int, Int]:
     """Return (for each vertex its merged index, for each merged vertex one original index)."""
-    first, inverse = _alike(surface.vertices)
+    first, inverse = unique_rows(surface.vertices)
     if len(first) == 3 * len(surface.faces) and len(surface.faces) > 1:
         from scipy.spatial import cKDTree
 
@@ -327,14 +327,18 @@ def _merge(surface: Surface) -> tuple[Int, Int]:
     return rank[inverse.ravel()], first[order].astype(np.int32)
 
 
-def _alike(points: Float) -> tuple[Int, Int]:
-    """Return (one index of each different point, for each point (n,) which of these it equals)."""
-    # equal points have equal sums, which sort far faster than rows do
-    mixed = points @ np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)])
-    _, first, inverse = np.unique(mixed, return_index=True, return_inverse=True)
-    if not np.array_equal(points[first][inverse], points):  # different points with one sum
-        _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    return first, inverse.ravel()
+def unique_rows(rows: NDArray) -> tuple[NDArray, NDArray]:
+    """Return (for each different row its first index, for each row which of these it is).
+
+    As ``numpy.unique(axis=0)``, in a fraction of the time, and other threads can run meanwhile.
+    """
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    inverse = np.empty(len(rows), dtype=np.int64)
+    inverse[order] = np.cumsum(new) - 1
+    return order[new], inverse
 
 
 def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:
@@ -346,10 +350,8 @@ def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, 
     proper = (a != b) & (b != c) & (c != a)
     proper &= np.einsum("ij,ij->i", cross, cross) > (1e-12 * longest) ** 2
     keep = np.flatnonzero(proper)
-    low, mid, high = np.sort(faces[keep], axis=1).astype(np.int64).T
-    order = np.lexsort((high, low * len(positions) + mid))  # stable: the first of equals comes first
-    same = [(column[order][1:] == column[order][:-1]) for column in (low, mid, high)]
-    kept = keep[np.sort(order[np.concatenate(([True], ~(same[0] & same[1] & same[2])))[: len(order)]])]
+    first, _ = unique_rows(np.sort(faces[keep], axis=1))
+    kept = keep[np.sort(first)]
     if len(keep) < len(faces):
         notes.append(f"{len(faces) - len(keep)} faces have no area and were left out of the maths")
     if len(kept) < len(keep):

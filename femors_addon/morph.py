@@ -22,18 +22,21 @@ from . import settings as declared
 from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
+from .limits import require_memory
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
-from .progress import FemorsError, Progress, part, silent
+from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
 from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
 from .schedule import CARRY, Stage, node_counts, stages
 from .steer import Pairs, Pull, Steering
+from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
 
+MEMORY_LEAST, MEMORY_NODE = 30e6, 2e3  # bytes: what a morph was measured to take, and per node of both
 FIELD_SPREAD = 0.75  # mean edges: the spread of the field that is kept
 
 
@@ -47,6 +50,7 @@ def morph(
     source_landmarks: ArrayLike | None = None,
     target_landmarks: ArrayLike | None = None,
     landmark_names: Sequence[str] | None = None,
+    preview: Preview | None = None,
 ) -> MorphResult:
     """Morph `source` onto `target`.
 
@@ -66,6 +70,8 @@ def morph(
         Paired landmarks that the alignment starts from, and that pull with `MorphSettings.steer`.
     landmark_names : sequence of str, optional
         What the pairs are called in warnings; numbers from 1 where not given.
+    preview : Preview, optional
+        Given the source's vertices after the alignment, each iteration and each round of relaxation.
 
     Raises
     ------
@@ -77,6 +83,8 @@ def morph(
     started = time.process_time()
     settings = settings or MorphSettings()
     declared.check(settings)
+    nodes = len(source.vertices) + len(target.vertices)
+    require_memory(MEMORY_LEAST + MEMORY_NODE * nodes, f"a morph with {nodes} nodes in both meshes")
     progress(0.0, "cleaning")
     ours, theirs = (
         clean(source.vertices, source.faces, "source"),
@@ -87,9 +95,18 @@ def morph(
     weight = _clean_weights(weights, ours, len(source.vertices))
     # whatever may move at all is morphed as a whole, and takes its share of it in the end
     free = None if weight is None else (weight > 0).astype(float)
-    displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7))
+    watch = Watch(preview, source.vertices, ours, work.alignment.matrix, work.sources)
+    watch.dense(np.zeros_like(work.aligned.vertices))
+    displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
     displacement, left = settle(
-        work.rest, work.aligned, displacement, work.index, free, settings, part(progress, 0.7, 0.88)
+        work.rest,
+        work.aligned,
+        displacement,
+        work.index,
+        free,
+        settings,
+        part(progress, 0.7, 0.88),
+        watch.dense,
     )
     if weight is not None:
         displacement, left = unfolded(
@@ -228,7 +245,7 @@ def _clean_weights(weights: ArrayLike | None, ours: Cleaned, count: int) -> Floa
 
 
 def _deform(
-    work: _Work, free: Float | None, settings: MorphSettings, progress: Progress
+    work: _Work, free: Float | None, settings: MorphSettings, progress: Progress, watch: Watch
 ) -> tuple[Float, list[Step]]:
     """Run all stages; return the displacement of the dense mesh (n, 3) and the history."""
     edges = [max(s.mean_edge, t.mean_edge) for s, t in zip(work.sources, work.targets, strict=True)]
@@ -245,7 +262,7 @@ def _deform(
     for number, stage in enumerate(plan):
         level, displacement = stage.level, to_level(stage.level)
         reporter = part(progress, number / len(plan), (number + 1) / len(plan))
-        displacement = _run(work, stage, displacement, free, settings, history, reporter)
+        displacement = _run(work, stage, displacement, free, settings, history, reporter, watch)
     return to_level(len(work.sources) - 1), history
 
 
@@ -266,6 +283,7 @@ def _run(
     settings: MorphSettings,
     history: list[Step],
     progress: Progress,
+    watch: Watch,
 ) -> Float:
     """Iterate on one level; `free` (n,) is 1 for the dense nodes that may move, else 0."""
     rest, aim = work.sources[stage.level], work.targets[stage.level]
@@ -301,6 +319,7 @@ def _run(
         )
         where = f"{stage.name}, {len(rest.vertices)} nodes, iteration {number + 1} of {count}"
         progress((number + 1) / count, f"{where}, RMS {vectors.rms:.3g}")
+        watch(stage.level, displacement)
         calm = largest < settings.tolerance * work.size
     return displacement
 

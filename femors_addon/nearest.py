@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from .limits import Limits
 from .mesh import Float, Int, Surface, unit
 from .progress import Progress, silent
 from .triangles import Triangles, dot
@@ -105,7 +106,7 @@ class SurfaceIndex:
             still = []
             for block in blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)):
                 progress(1.0 - len(open_points) / max(len(points), 1), "closest points")
-                far, order = tree.query(points[block], k=k)
+                far, order = tree.query(points[block], k=k, workers=Limits.threads)
                 far, order = far.reshape(len(block), k) ** 2, order.reshape(len(block), k)
                 # the nearest vertex bounds what the others must beat
                 if not seen:

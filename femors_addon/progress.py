@@ -4,9 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 Progress = Callable[[float, str], None]
 """``progress(fraction, text)``: fraction in [0, 1]; may raise `Cancelled` at any call."""
+
+
+Preview = Callable[[Any], None]
+"""``preview(vertices)``: positions (n, 3) that a mesh has by now, all of its vertices in their order.
+
+An optional argument of long computations, for a window that shows the mesh move. It is called from time
+to time, from the thread that computes, must not keep it waiting, and changes nothing in the result.
+"""
 
 
 class FemorsError(ValueError):
@@ -19,6 +28,10 @@ class Cancelled(Exception):
 
 def silent(fraction: float, text: str) -> None:
     """Report to nobody and never cancel."""
+
+
+def unseen(vertices: Any) -> None:
+    """Show to nobody."""
 
 
 def part(progress: Progress, start: float, stop: float) -> Progress:

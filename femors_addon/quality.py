@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from .intersect import Piercings, crossings, piercings, self_intersections
+from .limits import Limits
 from .mesh import Float, Int, Surface, unit
 from .nearest import SurfaceIndex
 
@@ -27,6 +28,7 @@ __all__ = [
     "degenerate",
     "dihedral_angles",
     "flipped_faces",
+    "folded_faces",
     "nearest_vertex_distance",
     "piercings",
     "self_intersections",
@@ -145,6 +147,11 @@ def flipped_faces(before: Surface, after: Surface) -> Int:
     return np.flatnonzero(folded | (degenerate(after) & ~degenerate(before))).astype(np.int32)
 
 
+def folded_faces(surface: Surface) -> Int:
+    """Return the faces (k,) int32 that lie turned against their neighbourhood."""
+    return np.flatnonzero(_opposed(surface)).astype(np.int32)
+
+
 def _opposed(surface: Surface) -> np.ndarray:
     """True (m,) for the faces turned against their neighbourhood."""
     around = surface.vertex_normals[surface.faces].sum(axis=1)
@@ -188,7 +195,7 @@ def nearest_vertex_distance(points: ArrayLike, target_vertices: ArrayLike) -> Fl
     target = np.asarray(target_vertices, dtype=np.float64).reshape(-1, 3)
     if not len(points) or not len(target):
         return np.zeros(len(points))
-    return np.asarray(cKDTree(target, balanced_tree=False).query(points)[0])
+    return np.asarray(cKDTree(target, balanced_tree=False).query(points, workers=Limits.threads)[0])
 
 
 def _used(surface: Surface) -> Float:

@@ -3,11 +3,19 @@
 
 from __future__ import annotations
 
+import threading
+
 import fast_simplification
 import numpy as np
 
 from .mesh import Surface, clean
 from .progress import FemorsError
+
+STEP = 50_000
+"""Faces taken away at a time: fast-simplification lets no other thread run meanwhile, and a window that
+waits for longer than this takes (60 ms) stutters."""
+
+_alone = threading.Lock()  # it keeps the mesh in variables of the whole process
 
 
 def reduced(surface: Surface, nodes: int) -> Surface:
@@ -25,9 +33,13 @@ def reduced(surface: Surface, nodes: int) -> Surface:
     low, high = surface.bounds
     centre, scale = (low + high) / 2, max(surface.diagonal, np.finfo(float).tiny)
     # works in single precision inside: give it numbers near one
-    points, triangles = fast_simplification.simplify(
-        (surface.vertices - centre) / scale, surface.faces.copy(), target_count=faces
-    )
+    points, triangles = (surface.vertices - centre) / scale, surface.faces.copy()
+    with _alone:
+        while len(triangles) > faces:
+            wanted, before = max(len(triangles) - STEP, faces), len(triangles)
+            points, triangles = fast_simplification.simplify(points, triangles, target_count=wanted)
+            if len(triangles) == before:
+                break  # nothing is left that could be taken away
     try:
         return clean(points.astype(np.float64) * scale + centre, triangles, "reduced mesh").surface
     except FemorsError:

@@ -15,7 +15,7 @@ from .intersect import self_intersections
 from .mesh import Float, Int, Surface, unit
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
-from .progress import Progress
+from .progress import Preview, Progress, unseen
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
@@ -166,6 +166,7 @@ def settle(
     free: Float | None,
     settings: MorphSettings,
     progress: Progress,
+    watch: Preview = unseen,
 ) -> tuple[Float, int]:
     """Lay the dense mesh onto the target with well-shaped elements.
 
@@ -177,6 +178,8 @@ def settle(
         What the iterations have found.
     free : (n,) float64 or None
         1 for the nodes that may move, 0 for those that stay as `displacement` has them.
+    watch : Preview
+        Given the displacement after each round.
 
     Returns
     -------
@@ -198,6 +201,7 @@ def settle(
             step = _to_target(aligned.moved(positions), target, lines, settings, number < rounds - 1)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
+        watch(displacement)
     progress(rounds / (rounds + 1), "checking for folded faces")
     return unfolded(aligned, displacement, mean, bad_faces, free)
 

@@ -23,7 +23,7 @@ from .morph import morph
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
-from .progress import FemorsError, Progress, part, silent
+from .progress import FemorsError, Preview, Progress, part, silent
 from .quality import compare
 from .volume import Ids, VolumeMesh, carry_mid_nodes
 from .volume_quality import VolumeQuality, scaled_jacobians
@@ -130,7 +130,8 @@ def morph_volume(
     settings : MorphSettings, optional
     progress : Progress
     **options
-        As for `morph.morph`; ``weights`` are of the nodes, shape (n,).
+        As for `morph.morph`; ``weights`` are of the nodes, shape (n,), and ``preview`` is given all nodes,
+        those inside where they were.
 
     Raises
     ------
@@ -149,6 +150,8 @@ def morph_volume(
             raise FemorsError(f"weights must be {len(mesh.nodes)} numbers, one for each node")
         options["weights"] = weights[at]
         kept = np.union1d(at, np.flatnonzero(weights == 0)).astype(np.int32)
+    if options.get("preview") is not None:
+        options["preview"] = at_nodes(options["preview"], mesh.nodes, at)
     result = morph(surface, target, settings, part(progress, 0.0, 0.7), **options)
     if np.linalg.det(result.transform[:3, :3]) < 0:
         raise FemorsError(
@@ -183,6 +186,17 @@ def morph_volume(
         held_by=held_by,
         seconds=time.process_time() - started,
     )
+
+
+def at_nodes(preview: Preview, nodes: Float, at: Int) -> Preview:
+    """Return a preview for positions of the nodes `at`; the others (of n, 3) stay as given."""
+
+    def show(vertices: Float) -> None:
+        moved = nodes.copy()
+        moved[at] = vertices
+        preview(moved)
+
+    return show
 
 
 def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertices: Float) -> MorphResult:

@@ -5,7 +5,24 @@ from __future__ import annotations
 
 import bpy
 
-from . import command, decks, dependencies, job, landmarks, morph, overclosure, props, transfer
+from . import (
+    animate,
+    command,
+    decks,
+    dependencies,
+    heat,
+    job,
+    landmarks,
+    morph,
+    overclosure,
+    presets,
+    props,
+    quality,
+    report,
+    transfer,
+)
+
+TOOLS = (*quality.classes, *report.classes, *animate.classes, *presets.classes)
 
 
 def register() -> None:
@@ -19,12 +36,18 @@ def register() -> None:
     overclosure.register()
     transfer.register()
     landmarks.register()
+    heat.register()
+    for cls in TOOLS:
+        bpy.utils.register_class(cls)
     command.register()
 
 
 def unregister() -> None:
     """End a running job and take everything back, in reverse."""
     command.unregister()
+    for cls in reversed(TOOLS):
+        bpy.utils.unregister_class(cls)
+    heat.unregister()
     landmarks.unregister()
     transfer.unregister()
     overclosure.unregister()

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..femors_addon.progress import FemorsError, Progress
+from ..femors_addon.progress import FemorsError, Preview, Progress
 from . import deck_scene, deck_store
 from .deck_nodes import PartShot
 from .scene import Snapshot
@@ -94,6 +94,7 @@ def morph(
     settings: MorphSettings,
     progress: Progress,
     landmarks: Mapping[str, Any],
+    preview: Preview | None = None,
 ) -> PartMorph:
     """Morph a part onto a target in world coordinates; a pure function, for the worker."""
     from ..femors_addon.align import transformed
@@ -112,7 +113,11 @@ def morph(
         weights = np.ones(len(coordinates))
         weights[part.nodes] = source.seen.weights[vertex]
     placed = deck.with_coordinates(coordinates)
-    after, result = morph_part(placed, part, target, settings, progress, weights=weights, **landmarks)
+    node = np.argsort(vertex)  # of each vertex
+    seen = None if preview is None else lambda moved: preview(moved[part.nodes][node])
+    after, result = morph_part(
+        placed, part, target, settings, progress, weights=weights, preview=seen, **landmarks
+    )
     moved = after.coordinates[part.nodes]
     known = source.seen.to_local(moved)
     known[(moved == world).all(axis=1)] = before[(moved == world).all(axis=1)]  # to the very bit
@@ -124,7 +129,6 @@ def morph(
     distance[surface] = SurfaceIndex(target).closest(after.coordinates[surface]).distance
     aligned = transformed(figures.transform, world)
     aligned[~np.isin(part.nodes, nodes)] = moved[~np.isin(part.nodes, nodes)]  # what no element uses stays
-    node = np.argsort(vertex)
     figures = dataclasses.replace(
         figures,
         vertices=moved[node],

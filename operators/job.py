@@ -4,6 +4,7 @@
 An operator that mixes in `JobOperator` gives `prepare` (read the scene) and `apply` (write it).
 Between them a pure function of arrays runs: in a worker thread when the operator was invoked from
 a window, so that Blender stays usable, and at once in `execute`, for scripts and ``blender -b``.
+What moves can be watched: `prepare` asks for `JobOperator.watch` and hands it to the core.
 """
 
 from __future__ import annotations
@@ -11,15 +12,18 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import bpy
 
-from ..femors_addon.progress import Cancelled, FemorsError, Progress
+from ..femors_addon.progress import Cancelled, FemorsError, Preview, Progress
+from . import preview
 
 TICK = 0.1
 """Seconds between two looks at a running job."""
+READ = 0.3
+"""Seconds between two redraws of what is said of it, at least: nobody reads faster."""
 
 Compute = Callable[[Progress], Any]
 
@@ -35,10 +39,13 @@ class Job:
         Done so far, 0 to 1.
     text : str
         Stage, iteration and residual, in words.
+    views : list of View
+        What is drawn in the viewport while it runs.
     """
 
-    def __init__(self, title: str, compute: Compute) -> None:
+    def __init__(self, title: str, compute: Compute, views: Sequence[preview.View] = ()) -> None:
         self.title = title
+        self.views = list(views)
         self.fraction = 0.0
         self.text = "Starting"
         self.started = time.monotonic()
@@ -62,6 +69,7 @@ class Job:
     def start(self, context: bpy.types.Context) -> None:
         """Start the thread, and the timer that lets the operator look at it."""
         self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
+        preview.show(self.views)
         self._thread.start()
 
     def cancel(self) -> None:
@@ -83,12 +91,28 @@ class Job:
         """Whether `close` was called: nobody waits for the result any more."""
         return self._timer is None
 
-    def close(self) -> None:
-        """Stop the thread and wait for it, remove the timer, clear the status bar. May be repeated."""
-        self.cancel()
+    @property
+    def seconds_left(self) -> float | None:
+        """How long it will take from here, judged by its pace; None as long as that says nothing."""
+        gone = time.monotonic() - self.started
+        if gone < 2.0 or self.fraction < 0.05:
+            return None
+        return gone * (1.0 - self.fraction) / self.fraction
+
+    def join(self) -> None:
+        """Wait for the thread."""
         if self._thread.ident is not None:
             self._thread.join()
+
+    def close(self) -> None:
+        """Ask the thread to end, remove timer and preview, clear the status bar. May be repeated.
+
+        The thread ends by itself at its next word of progress; nobody need wait, for it touches nothing
+        of Blender's, and its result is dropped.
+        """
+        self.cancel()
         timer, self._timer = self._timer, None
+        preview.hide()
         manager = bpy.context.window_manager
         if timer is not None and manager is not None:
             manager.event_timer_remove(timer)
@@ -113,6 +137,8 @@ class JobOperator:
     current = None
     _job = None
     _shown = ()
+    _read = 0.0
+    _views = None
 
     # --- given by the operator ----------------------------------------------------------------
     def prepare(self, context: bpy.types.Context) -> Compute:
@@ -122,6 +148,23 @@ class JobOperator:
     def apply(self, context: bpy.types.Context, result: Any) -> tuple[str, str]:
         """Write the result; return a report level (INFO, WARNING) and one line. May raise."""
         raise NotImplementedError
+
+    def watch(self, vertices: Any, triangles: Any) -> Preview | None:
+        """Return where the core may put positions of a mesh that moves; for `prepare`.
+
+        They are drawn over the viewport while the job runs; several meshes can be watched. None where
+        there is no window to draw in.
+
+        Parameters
+        ----------
+        vertices : (n, 3) array
+            World positions to begin with.
+        triangles : (m, 3) array
+        """
+        if self._views is None:
+            return None
+        self._views.append(preview.View(vertices, triangles))
+        return self._views[-1]
 
     # --- Blender's entries --------------------------------------------------------------------
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -141,7 +184,8 @@ class JobOperator:
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
-            job = Job(self.title, self.prepare(context))
+            self._views = []
+            job = Job(self.title, self.prepare(context), self._views)
         except Exception as error:
             return self._failed(error)
         self._job = JobOperator.current = job
@@ -172,22 +216,21 @@ class JobOperator:
             return {"CANCELLED"}
         if event.type == "ESC" and event.value == "PRESS":
             job.cancel()
-            self._show(job)
-            return {"RUNNING_MODAL"}
+        if job.cancelling:
+            close_current()
+            self.tell("INFO", f"{self.title}: cancelled, nothing was changed")
+            return {"CANCELLED"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        if not job.alive and not job.cancelling and job.error is None and context.mode != "OBJECT":
+        preview.refresh(TICK)
+        if not job.alive and job.error is None and context.mode != "OBJECT":
             job.fraction, job.text = 1.0, "Done: return to Object Mode to receive the result"
             self._show(job)
             return {"PASS_THROUGH"}
         if job.alive:
             self._show(job)
             return {"PASS_THROUGH"}
-        cancelled = job.cancelling
         close_current()
-        if cancelled:
-            self.tell("INFO", f"{self.title}: cancelled, nothing was changed")
-            return {"CANCELLED"}
         if job.error is not None:
             return self._failed(job.error)
         return self._finished(context, job.result)
@@ -196,6 +239,7 @@ class JobOperator:
         """End with the window, the file or Blender itself (called by Blender)."""
         if self._job is not None and self._job is JobOperator.current:
             close_current()
+        wait_for_closed()  # Blender may be about to end, and a thread must not outlive it
 
     def tell(self, level: str, line: str) -> None:
         """Report one line to the user: INFO, WARNING or ERROR."""
@@ -204,11 +248,12 @@ class JobOperator:
     # --- endings ------------------------------------------------------------------------------
     def _show(self, job: Job) -> None:
         """Redraw the panel and the status bar, only where something changed."""
-        text = "Cancelling" if job.cancelling else job.text
-        shown = (round(job.fraction, 3), text)
-        if shown != self._shown:
-            self._shown = shown
-            show_status(f"FEMORS: {job.title}, {job.fraction:.0%}, {text}    Esc: cancel")
+        left, now = time_left(job), time.monotonic()
+        shown = (round(job.fraction, 3), job.text, left)
+        if shown != self._shown and now - self._read >= READ:
+            self._shown, self._read = shown, now
+            words = ", ".join(filter(None, (f"FEMORS: {job.title}", f"{job.fraction:.0%}", job.text, left)))
+            show_status(f"{words}    Esc: cancel")
             redraw()
 
     def _finished(self, context: bpy.types.Context, result: Any) -> set[str]:
@@ -232,11 +277,33 @@ class JobOperator:
         return {"CANCELLED"}
 
 
-def close_current(*_: Any) -> None:
-    """End the running job, if any, in whatever state; also the handler for the loading of files."""
+_closed: list[Job] = []
+"""Jobs whose threads may still be on their way out."""
+
+
+def close_current() -> None:
+    """End the running job, if any, in whatever state, and at once."""
     job, JobOperator.current = JobOperator.current, None
+    _closed[:] = [one for one in _closed if one.alive]
     if job is not None:
+        _closed.append(job)
         job.close()
+
+
+def wait_for_closed() -> None:
+    """Wait until no thread of ours is left."""
+    while _closed:
+        _closed.pop().join()
+
+
+def time_left(job: Job) -> str:
+    """Return how long a job will take from here, in words, or ""."""
+    seconds = job.seconds_left
+    if seconds is None:
+        return ""
+    if seconds < 10:
+        return "a few seconds left"
+    return f"about {round(seconds, -1):.0f} s left" if seconds < 90 else f"about {seconds / 60:.0f} min left"
 
 
 def show_status(text: str | None) -> None:
@@ -289,6 +356,7 @@ def register() -> None:
 def unregister() -> None:
     """End the running job and take everything back."""
     close_current()
+    wait_for_closed()
     bpy.app.handlers.load_pre.remove(_on_load)
     for cls in reversed(classes):
         bpy.utils.unregister_class(cls)
@@ -297,3 +365,4 @@ def unregister() -> None:
 @bpy.app.handlers.persistent
 def _on_load(*_: Any) -> None:
     close_current()
+    wait_for_closed()

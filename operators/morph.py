@@ -107,10 +107,13 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         landmarks = dict(zip(("source_landmarks", "target_landmarks", "landmark_names"), pairs, strict=True))
         aim = deck_morph.surface_of(target, self._target)
         part = deck_morph.source_of(source, self._source)
+        preview = self.watch(self._source.vertices, self._source.triangles)
         if part is not None:
-            return lambda progress: deck_morph.morph(part, aim, settings, progress, landmarks)
+            return lambda progress: deck_morph.morph(part, aim, settings, progress, landmarks, preview)
         surface, weights = Surface(self._source.vertices, self._source.triangles), self._source.weights
-        return lambda progress: morph(surface, aim, settings, progress, weights=weights, **landmarks)
+        return lambda progress: morph(
+            surface, aim, settings, progress, weights=weights, preview=preview, **landmarks
+        )
 
     def apply(self, context: bpy.types.Context, morphed: Any) -> tuple[str, str]:
         """Write the shape, its figures and its attributes; what can be refused is refused first."""

@@ -154,7 +154,12 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
             if shot.share:
                 bodies_write.check_writable(item, self.result)
         shots, ask = self._shots, self._ask
-        return lambda progress: overclosure_work.remove(shots, ask, progress)
+        previews = {
+            shot.seen.name: self.watch(shot.seen.vertices, shot.seen.triangles)
+            for shot in shots
+            if shot.share
+        }
+        return lambda progress: overclosure_work.remove(shots, ask, progress, previews)
 
     def apply(self, context: bpy.types.Context, removed: Any) -> tuple[str, str]:
         """Move the bodies, write gaps, table and figures; what can be refused is refused first."""

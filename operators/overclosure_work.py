@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..femors_addon.overclosure_settings import OverclosureSettings
-from ..femors_addon.progress import FemorsError, Progress, part
+from ..femors_addon.progress import FemorsError, Preview, Progress, part
 from . import bodies
 from .body_names import Pair
 from .deck_nodes import Shape, together
@@ -86,8 +86,18 @@ def check(shots: list[bodies.BodyShot], ask: Ask, progress: Progress) -> Checked
     return Checked(findings, _gaps(models, found, ask, part(progress, 0.7, 1.0)))
 
 
-def remove(shots: list[bodies.BodyShot], ask: Ask, progress: Progress) -> Removed:
+def remove(
+    shots: list[bodies.BodyShot],
+    ask: Ask,
+    progress: Progress,
+    previews: Mapping[str, Preview | None] | None = None,
+) -> Removed:
     """Push the bodies apart; what is certified is what Blender will hold, not what was computed.
+
+    Parameters
+    ----------
+    previews : dict of str to Preview, optional
+        By name of the bodies that may move, where somebody looks on: given world positions by vertex.
 
     Raises
     ------
@@ -99,6 +109,8 @@ def remove(shots: list[bodies.BodyShot], ask: Ask, progress: Progress) -> Remove
     models = bodies.models(shots)
     _refuse_tied(models, ask.exclude)
     options: dict[str, Any] = {"exclude": ask.exclude, "gaps": _widened(models, ask)}
+    if previews and any(previews.values()):
+        options["preview"] = _shown(models, previews)
     result = remove_overclosure(
         [model.body for model in models], ask.settings, part(progress, 0.0, 0.85), **options
     )
@@ -111,10 +123,32 @@ def remove(shots: list[bodies.BodyShot], ask: Ask, progress: Progress) -> Remove
             held.append(model.body)
     _refuse_torn(models, moved)
     if moved:
+        options.pop("preview", None)
         options["gaps"] = ask.gaps
         findings = check_overclosure(held, ask.settings, part(progress, 0.85, 0.95), **options)
         result = _as_held(result, findings, ask)
     return Removed(result, moved, _gaps(models, held, ask, part(progress, 0.95, 1.0)))
+
+
+def _shown(
+    models: list[bodies.Model], previews: Mapping[str, Preview | None]
+) -> Callable[[Mapping[str, Array]], None]:
+    """Return what takes the nodes of all bodies to their previews, by vertex."""
+    seen = {}
+    for model in models:
+        preview = previews.get(model.body.name)
+        if preview is not None:
+            matrix = model.shot.seen.matrix
+            start = model.shot.local @ matrix[:3, :3].T + matrix[:3, 3]
+            seen[model.body.name] = (start, model.rows, preview)
+
+    def show(nodes: Mapping[str, Array]) -> None:
+        for name, (start, rows, preview) in seen.items():
+            moved = start.copy()
+            moved[rows] = nodes[name]
+            preview(moved)
+
+    return show
 
 
 def _gaps(models: list[bodies.Model], placed: list[Any], ask: Ask, progress: Progress) -> dict[str, Array]:

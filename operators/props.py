@@ -163,6 +163,9 @@ class FEMORS_PG_object(bpy.types.PropertyGroup):
     report: bpy.props.StringProperty(
         name="Report", description="Figures of the morph that made this shape, as JSON", options={"HIDDEN"}
     )
+    quality: bpy.props.StringProperty(
+        name="Quality", description="Figures of this mesh as it was measured, as JSON", options={"HIDDEN"}
+    )
     role: bpy.props.EnumProperty(
         name="Role",
         description="Whether this body may be moved where overclosures are removed",

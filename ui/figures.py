@@ -57,7 +57,7 @@ def length_unit(settings: Any) -> tuple[float, str]:
     """Return the factor that takes scene lengths to the scene's unit, and the unit's name.
 
     Blender's factory settings say metres whatever a file's numbers mean: they count as not set, and
-    lengths stay as they are.
+    lengths stay as they are, in the unit that the preferences name.
 
     Parameters
     ----------
@@ -66,7 +66,9 @@ def length_unit(settings: Any) -> tuple[float, str]:
     """
     scale, unit = settings.scale_length, settings.length_unit
     if settings.system == "NONE" or (abs(scale - 1.0) < 1e-6 and unit in ("METERS", "ADAPTIVE")):
-        return 1.0, "scene units"
+        addon = bpy.context.preferences.addons.get(__package__.rpartition(".")[0])
+        chosen = getattr(addon and addon.preferences, "unit", "NONE")
+        return 1.0, (UNITS[chosen][1] if chosen in UNITS else "scene units")
     if unit == "ADAPTIVE":  # Blender changes the unit with the length; one for the whole table is wanted
         named = [key for key, (metres, _) in UNITS.items() if abs(scale / metres - 1.0) < 1e-4]
         unit = named[0] if named else ("METERS" if settings.system == "METRIC" else "FEET")
@@ -138,13 +140,15 @@ def draw_sentence(
         line = f"{line} {word}".strip()
 
 
-def draw_row(layout: bpy.types.UILayout, title: str, before: str, after: str, alert: bool = False) -> None:
-    """Draw a title and two figures."""
+def draw_row(
+    layout: bpy.types.UILayout, title: str, *values: str, alert: bool = False, factor: float = 0.0
+) -> None:
+    """Draw a line of a table: its title, and figures to the right; `factor` is the title's share."""
     row = layout.row()
     row.scale_y = 0.7
-    split = row.split(factor=0.5)
+    split = row.split(factor=factor or 0.5)
     split.label(text=title)
-    for text in (before, after):
+    for text in values:
         cell = split.row()
         cell.alignment = "RIGHT"
         cell.alert = alert

@@ -12,7 +12,7 @@ from ..femors_addon.settings import specs
 from ..operators import bodies, dependencies
 from ..operators.job import JobOperator
 from .figures import draw_row, draw_sentence, length_unit, number, parsed
-from .panels import FemorsPanel, draw_job
+from .panels import FemorsPanel, draw_own_job
 
 SHOWN = 12
 """Bodies that the panel lists."""
@@ -71,8 +71,7 @@ class FEMORS_PT_overclosure(FemorsPanel, bpy.types.Panel):
             hint.alignment = "RIGHT"
             hint.label(text="lengths in mm", icon="INFO")
         settings.prop(form, "result")
-        if JobOperator.current is not None:
-            draw_job(layout, JobOperator.current)
+        if draw_own_job(layout, "Check", "Overclosure"):
             return
         buttons = layout.row(align=True)
         buttons.scale_y = 1.6

@@ -12,7 +12,7 @@ from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.settings import specs
 from ..operators import dependencies
 from ..operators.form import changed_from_preset
-from ..operators.job import Job, JobOperator
+from ..operators.job import Job, JobOperator, time_left
 from ..operators.morph import chosen
 from .figures import draw_figures, draw_sentence, parsed
 
@@ -44,13 +44,16 @@ class FEMORS_PT_morph(FemorsPanel, bpy.types.Panel):
         column.enabled = JobOperator.current is None
         draw_pickers(column, context)
         draw_options(column, form)
-        if JobOperator.current is not None:
-            draw_job(layout, JobOperator.current)
+        if draw_own_job(layout, "Morph"):
             return
         button = layout.column()
         button.scale_y = 1.6
         button.context_pointer_set("femors_form", form)
         button.operator("femors.morph", text="Morph", icon="MOD_SHRINKWRAP")
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        """Draw the menu of saved presets."""
+        draw_presets(self, context)
 
 
 class FEMORS_PT_morph_advanced(FemorsPanel, bpy.types.Panel):
@@ -111,6 +114,15 @@ class FEMORS_PT_morph_figures(FemorsPanel, bpy.types.Panel):
         draw_figures(self.layout, parsed(context.object.femors.report), context)
 
 
+def draw_presets(self: bpy.types.Panel, context: bpy.types.Context) -> None:
+    """Draw the menu of saved presets with its + and - in a panel's head."""
+    row = self.layout.row(align=True)
+    row.emboss = "NONE"
+    row.menu("FEMORS_MT_presets", text="", icon="PRESET")
+    row.operator("femors.preset_add", text="", icon="ADD")
+    row.operator("femors.preset_add", text="", icon="REMOVE").remove_active = True
+
+
 def draw_pickers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw source and target, the button that fills them, and what an empty form would take."""
     form = context.scene.femors
@@ -124,6 +136,10 @@ def draw_pickers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         source, target = chosen(context)
         if source is not None and target is not None:
             layout.label(text=f"Selected: {source.name} onto {target.name}", icon="INFO")
+        elif source is not None:
+            layout.label(text="Now Shift-click the source", icon="INFO")
+        else:
+            layout.label(text="Select the target, then the source", icon="INFO")
 
 
 def draw_options(layout: bpy.types.UILayout, form: Any) -> None:
@@ -145,19 +161,28 @@ def draw_options(layout: bpy.types.UILayout, form: Any) -> None:
     layout.prop(form, "hide_target")
 
 
+def draw_own_job(layout: bpy.types.UILayout, *titles: str) -> bool:
+    """Draw the running job where a panel has started it; whether it did. Other panels keep their buttons."""
+    job = JobOperator.current
+    if job is None or job.title not in titles:
+        return False
+    draw_job(layout, job)
+    return True
+
+
 def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     """Draw progress, what is being done, and Cancel."""
     box = layout.box().column()
     seconds = int(time.monotonic() - job.started)
     box.progress(factor=job.fraction, text=f"{job.title}  {job.fraction:.0%}  ({seconds} s)")
     words = job.text.split(", ")
-    lines = box.column(align=True)  # always two, or the button below would move under the mouse
+    lines = box.column(align=True)  # always three, or the button below would move under the mouse
     lines.label(text=", ".join(words[:2]).capitalize())
     lines.label(text=", ".join(words[2:]))
+    lines.label(text=time_left(job).capitalize())
     row = box.row()
     row.scale_y = 1.4
-    row.enabled = not job.cancelling
-    row.operator("femors.cancel", text="Cancelling" if job.cancelling else "Cancel", icon="X")
+    row.operator("femors.cancel", text="Cancel", icon="X")
 
 
 classes = (FEMORS_PT_morph, FEMORS_PT_morph_advanced, FEMORS_PT_morph_figures)

@@ -11,7 +11,7 @@ import numpy as np
 from ..operators import fields
 from ..operators.job import JobOperator
 from .figures import draw_sentence, length_unit, number
-from .panels import FemorsPanel, draw_job
+from .panels import FemorsPanel, draw_own_job
 
 COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "stretch"), ("spread", "spread"))
 LENGTHS = ("distance", "residual", "spread")
@@ -100,8 +100,7 @@ class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
         body.enabled = JobOperator.current is None
         draw_fields(body, context, known, chosen)
         draw_form(body, form, fields.head_of(chosen))
-        if JobOperator.current is not None:
-            draw_job(layout, JobOperator.current)
+        if draw_own_job(layout, "Transfer"):
             return
         button = layout.column()
         button.scale_y = 1.6

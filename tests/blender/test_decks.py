@@ -576,3 +576,24 @@ def test_a_femoral_cartilage(empty, tmp_path, tools, core):
     expected, result = core("deck_morph").morph_part(read, read.part(None), aim)
     assert got == expected.encoded()
     assert not len(result.inverted_new)
+
+
+# --- figures and colours -------------------------------------------------------------------------------
+def test_elements_are_measured_and_coloured(deck, part, core):
+    _, (item,) = deck(plain())
+    bpy.context.view_layer.objects.active = item
+    item.select_set(True)
+    assert bpy.ops.femors.quality(mesh=item.name) == {"FINISHED"}
+    found = json.loads(item.femors.quality)
+    assert found["elements"]["inverted"] == 0
+    assert found["elements"]["volume"] == pytest.approx(found["mesh"]["volume"], rel=1e-6)
+    item.data.vertices[40].co.x += 25.0  # past its neighbours
+    item.data.update()
+    assert bpy.ops.femors.quality(mesh=item.name) == {"FINISHED"}
+    found = json.loads(item.femors.quality)
+    assert found["elements"]["inverted"] > 0
+    assert bpy.ops.femors.show_heat(quantity="scaled_jacobian") == {"FINISHED"}
+    values = part("operators.heat").values_of(item, "scaled_jacobian")
+    assert values.shape == (len(item.data.vertices),)
+    assert values[40] == values.min() == pytest.approx(found["elements"]["minimum"])
+    assert values.max() == pytest.approx(1.0)

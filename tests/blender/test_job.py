@@ -107,8 +107,11 @@ def test_a_running_job_ends_with_the_extension_or_the_file(context, part, ending
         bpy.ops.wm.read_homefile(use_empty=True)
     else:
         module.close_current()
+        module.wait_for_closed()
+        assert not threads()
     assert module.JobOperator.current is None
-    assert job.closed and not threads() and context.timers == 0
+    assert job.closed and context.timers == 0
+    wait_for(lambda: not threads())
 
 
 @pytest.mark.parametrize("where", ["show", "apply", "mode", "interrupt"])
@@ -143,7 +146,67 @@ def test_whatever_modal_raises_the_job_is_closed(context, part, where):
         assert operator.modal(context, Event) == {"CANCELLED"}
         assert told[0][0] == {"ERROR"} and "KeyError" in told[0][1]
     assert module.JobOperator.current is None
-    assert job.closed and not threads() and context.timers == 0
+    assert job.closed and context.timers == 0
+    wait_for(lambda: not threads())
+
+
+def test_esc_ends_the_job_at_once_though_the_thread_is_deep_in_work(context, part):
+    module = part("operators.job")
+    told, deep, go = [], threading.Event(), threading.Event()
+
+    class Operator(module.JobOperator):
+        title = "Test"
+
+        def report(self, level, line):
+            told.append((level, line))
+
+    class Esc:
+        type, value = "ESC", "PRESS"
+
+    def work(progress):
+        deep.set()
+        assert go.wait(10)
+        progress(0.5, "never seen")
+
+    operator = Operator()
+    job = operator._job = module.JobOperator.current = module.Job("Test", work)
+    job.start(context)
+    assert deep.wait(10)
+    assert operator.modal(context, Esc) == {"CANCELLED"}
+    assert told == [({"INFO"}, "Test: cancelled, nothing was changed")]
+    assert module.JobOperator.current is None and job.alive and context.timers == 0
+    go.set()
+    module.wait_for_closed()
+    assert not threads() and isinstance(job.error, part("femors_addon.progress").Cancelled)
+
+
+def test_the_time_left_follows_the_pace(context, part, monkeypatch):
+    module = part("operators.job")
+    job = module.Job("Test", endless)
+    job.fraction = 0.25
+    assert job.seconds_left is None and module.time_left(job) == ""  # too early to say
+    job.started -= 20.0
+    assert job.seconds_left == pytest.approx(60.0, rel=0.01)
+    assert module.time_left(job) == "about 60 s left"
+    job.fraction = 0.8
+    assert module.time_left(job) == "a few seconds left"
+
+
+def test_what_moves_is_watched_only_where_there_is_a_window(extension, part):
+    import numpy as np
+
+    module = part("operators.job")
+    operator = module.JobOperator()
+    points, faces = np.zeros((3, 3)), [[0, 1, 2]]
+    assert operator.watch(points, faces) is None
+    operator._views = []
+    view = operator.watch(points, faces)
+    assert operator._views == [view] and not view.waiting
+    view(points + 1.0)
+    assert view.waiting
+    latest = view._fresh
+    view(points + 2.0)  # the first is not drawn yet: the worker is not kept, nothing piles up
+    assert view._fresh is latest
 
 
 def test_one_job_at_a_time(empty, context, part):

@@ -384,6 +384,20 @@ def test_progress_is_said_and_cancel_changes_nothing(balls, part):
         operator.remove(shots, ask, stop)
 
 
+def test_an_onlooker_sees_the_bodies_part(balls, part):
+    operator, bodies = part("operators.overclosure_work"), part("operators.bodies")
+    shots = [bodies.shot(bpy.context, item, share) for item, share in zip(balls, (0.5, 0.0), strict=True)]
+    ask = operator.Ask(part("femors_addon.overclosure_settings").OverclosureSettings(gap=GAP), (), {})
+    seen = []
+    previews = {shots[0].seen.name: seen.append, shots[1].seen.name: None}
+    removed = operator.remove(shots, ask, lambda fraction, text: None, previews)
+    assert len(seen) > 1 and all(one.shape == shots[0].seen.vertices.shape for one in seen)
+    local, _ = removed.moved[shots[0].seen.name]
+    matrix = shots[0].seen.matrix
+    end = local @ matrix[:3, :3].T + matrix[:3, 3]
+    assert abs(seen[-1] - end).max() < 0.5 * abs(shots[0].seen.vertices - end).max()
+
+
 # --- FE models -----------------------------------------------------------------------------------------
 COUNTS = (8, 8, 2)
 

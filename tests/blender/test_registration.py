@@ -184,6 +184,9 @@ def dependencies(part):
     module.forget()
 
 
+FORM = ("unit", "colour_map", "threads", "memory")
+
+
 class Layout:
     """Takes down what a panel draws."""
 
@@ -192,6 +195,9 @@ class Layout:
 
     def column(self, **options):
         return self
+
+    def prop(self, data, name):
+        assert name in FORM, name
 
     def label(self, text="", icon="NONE"):
         self.said.append((icon, text))

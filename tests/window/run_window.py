@@ -49,7 +49,7 @@ def start_display() -> tuple[subprocess.Popen, str]:
     return server, f":{number}"
 
 
-def run(out: Path, site: str, blender: str, limit: float) -> int:
+def run(out: Path, site: str, blender: str, limit: float, steps: str) -> int:
     """Run the story; return 0 when it held to its end and Blender quit by itself."""
     out.mkdir(parents=True, exist_ok=True)
     result = out / "result.json"
@@ -65,6 +65,7 @@ def run(out: Path, site: str, blender: str, limit: float) -> int:
             "TMPDIR": resources,  # where Blender writes its quit.blend
             "FEMORS_SITE": site,
             "FEMORS_WINDOW_OUT": str(out.resolve()),
+            "FEMORS_WINDOW_STEPS": steps,
             "PYTHONDONTWRITEBYTECODE": "1",
         }
         command = [blender, "--factory-startup", "--window-geometry", "0", "0", *map(str, SIZE)]
@@ -100,13 +101,14 @@ def main() -> int:
     parser.add_argument("--site", default=os.environ.get("FEMORS_SITE", ""))
     parser.add_argument("--blender", default="blender")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds for the whole run")
+    parser.add_argument("--steps", default="", help="only these steps, with commas; all where left out")
     options = parser.parse_args()
     missing = [name for name in (options.blender, "Xvfb", "xdotool", "scrot") if shutil.which(name) is None]
     if missing:
         print(f"skipped: there is no {', no '.join(missing)}")
         return SKIPPED
     start = time.monotonic()
-    code = run(options.out, options.site, options.blender, options.limit)
+    code = run(options.out, options.site, options.blender, options.limit, options.steps)
     print(f"{time.monotonic() - start:.0f} s")
     return code
 

@@ -38,8 +38,12 @@ checkout = Checkout()
 Steps = Iterator[None]
 SIZE = 30000
 """Vertices of the bones: enough work to watch and to cancel."""
+LARGE = int(os.environ.get("FEMORS_WINDOW_NODES", "70000"))
+"""Vertices of the bones by which stalls are measured."""
 
 seen: dict[str, Any] = {"steps": []}
+opened: list[type] = []
+folded: list[type] = []
 
 
 # --- hands and eyes ---------------------------------------------------------------------------
@@ -175,10 +179,10 @@ def shapes() -> Steps:
     yield from pause(0.5)
 
 
-def make_shapes() -> None:
+def make_shapes(size: int = SIZE) -> None:
     """Make the source "Femur" and the target "Scan" from the core's own shapes."""
     core = importlib.import_module(f"{PACKAGE}.femors_addon.shapes")
-    pair = core.pair(SIZE, SIZE, posed=True, length=4.0)
+    pair = core.pair(size, size, posed=True, length=4.0)
     for name, surface in (("Femur", pair.source), ("Scan", pair.target)):
         mesh = bpy.data.meshes.new(name)
         mesh.from_pydata(surface.vertices.tolist(), [], surface.faces.tolist())
@@ -239,6 +243,172 @@ def cancel() -> Steps:
     yield from wait("the Cancel button to end the job", quiet)
     check(scene_state() == before, "a job that was cancelled by its button changed the scene")
     yield from shot("4_cancelled")
+
+
+class Pulse:
+    """Ticks of the window, every 5 ms while it has nothing to do: what comes late was a stall."""
+
+    def __init__(self) -> None:
+        self.late: list[tuple[float, float, str, str]] = []
+        self.drawn = self.before = ""
+        add = bpy.types.SpaceView3D.draw_handler_add
+        self.handlers = {
+            "WINDOW": add(self.draw, ("viewport",), "WINDOW", "PRE_VIEW"),
+            "UI": add(self.draw, ("sidebar",), "UI", "POST_PIXEL"),
+        }
+        self.begun = self.last = time.monotonic()
+        bpy.app.timers.register(self.tick)
+
+    def draw(self, what: str) -> None:
+        self.drawn = self.drawn if self.drawn == "viewport" else what
+
+    def tick(self) -> float | None:
+        running, now = job(), time.monotonic()
+        if self.last is None:
+            return None
+        text = running.text if running else ""
+        # the display may be waited for in the tick after the drawing
+        self.late.append((now - self.last, now - self.begun, text, self.drawn or self.before or "nothing"))
+        self.last, self.before, self.drawn = now, self.drawn, ""
+        return 0.005
+
+    def figures(self) -> dict[str, Any]:
+        """End, and return the gaps between ticks in ms, by what was drawn in them."""
+        self.last = None
+        for region, handler in self.handlers.items():
+            bpy.types.SpaceView3D.draw_handler_remove(handler, region)
+        out: dict[str, Any] = {}
+        for name in ("viewport", "sidebar", "nothing"):
+            mine = sorted((one for one in self.late if one[3] == name), reverse=True)
+            gaps = [round(1000 * one[0]) for one in mine]
+            if gaps:
+                out[name] = {"ticks": len(gaps), "median_ms": gaps[len(gaps) // 2], "longest_ms": gaps[0]}
+                out[name]["over_100_ms"] = sum(gap > 100 for gap in gaps)
+                out[name]["worst"] = [f"{1000 * g:.0f} at {at:.1f} s: {t}" for g, at, t, _ in mine[:3]]
+        return out
+
+
+def watched() -> Steps:
+    """A job of 70 000 nodes: the preview moves, the window does not stall, the source stays."""
+    for item in list(bpy.data.objects):
+        bpy.data.objects.remove(item)
+    make_shapes(LARGE)
+    form = bpy.context.scene.femors
+    form.source, form.target = bpy.data.objects["Femur"], bpy.data.objects["Scan"]
+    with bpy.context.temp_override(**(view() | {"region": view()["area"].regions[-1]})):
+        bpy.ops.view3d.view_all()
+    before = scene_state()
+    yield from show_panel()
+    idle = Pulse()
+    for _ in range(8):  # what a redraw of these two objects takes here, with nothing else to do
+        view()["area"].tag_redraw()
+        yield from pause(0.5)
+    seen["idle_window"] = idle.figures()
+    yield from start()
+    running, pulse = job(), Pulse()
+    moving = running.views[0]
+    yield from wait("two pictures of the preview", lambda: moving.pictures >= 2)
+    yield from shot("8_preview")
+    yield from wait("half of it", lambda: running.fraction > 0.5)
+    yield from shot("8_preview_later")
+    yield from wait("the end of the computation", lambda: not running.alive)
+    seen["window_at_70k"] = pulse.figures()
+    seen["preview"] = {"pictures": moving.pictures, "pause_s": round(moving.pause, 2)}
+    yield from wait("the result", quiet)
+    check(moving.pictures > 5, f"the preview was drawn {moving.pictures} times")
+    after = scene_state()
+    check(after[2] == before[2], "the source moved")
+    yield from shot("8_result")
+
+
+def only(*names: str) -> Steps:
+    """Show these panels of the sidebar alone, open: a script can neither scroll it nor unfold a panel."""
+    for stand in opened:
+        bpy.utils.unregister_class(stand)
+    opened.clear()
+    for cls in reversed(folded):
+        bpy.utils.register_class(cls)
+    folded.clear()
+    if names:
+        mine = [c for c in bpy.types.Panel.__subclasses__() if getattr(c, "bl_category", "") == "FEMORS"]
+        mine += [c for base in mine for c in base.__subclasses__()]
+        roots = [c for c in mine if c.is_registered and not getattr(c, "bl_parent_id", "")]
+        children = [c for c in mine if c.is_registered and getattr(c, "bl_parent_id", "")]
+        for cls in (*children, *roots):
+            bpy.utils.unregister_class(cls)
+            folded.append(cls)
+        for cls in roots:
+            if cls.__name__.removeprefix("FEMORS_PT_") in names:
+                key = cls.bl_idname + "_open"
+                stand = type(key, (cls,), {"bl_idname": key, "bl_options": set()})
+                bpy.utils.register_class(stand)
+                opened.append(stand)
+    yield from show_panel()
+
+
+def measured() -> Steps:
+    """Measure the result beside its target, show heat maps with their legend, and go back."""
+    call(bpy.ops.object.select_all, action="DESELECT")
+    item = next(o for o in bpy.data.objects if o.name.startswith("Femur morphed"))
+    item.select_set(True)
+    bpy.context.view_layer.objects.active = item
+    form = bpy.context.scene.femors_heat
+    form.mesh, form.other = item, bpy.data.objects["Scan"]
+    yield from only("quality")
+    check(call(bpy.ops.femors.quality, "INVOKE_DEFAULT") == {"RUNNING_MODAL"}, "the button did not start")
+    yield from wait("the figures", quiet)
+    check(item.femors.quality, "no figures were kept")
+    yield from shot("9_quality")
+    yield from only("heat")
+    shading = view()["area"].spaces.active.shading
+    before = {name: getattr(shading, name) for name in ("type", "color_type", "show_specular_highlight")}
+    legend = importlib.import_module(f"{PACKAGE}.ui.legend")
+    for number, quantity in enumerate(("displacement", "aspect", "gap")):
+        form.quantity = quantity
+        check(call(bpy.ops.femors.show_heat) == {"FINISHED"}, f"{quantity} was not shown")
+        check(shading.color_type == "VERTEX", "the viewport does not show the colours")
+        with bpy.context.temp_override(**(view() | {"region": view()["area"].regions[-1]})):
+            bpy.ops.view3d.view_selected()
+            check(legend.words(bpy.context), "there is no legend")
+        yield from shot(f"9_heat_{number + 1}_{quantity}")
+    check(call(bpy.ops.femors.hide_heat) == {"FINISHED"}, "no way back")
+    check(all(getattr(shading, name) == old for name, old in before.items()), "the shading is another")
+    check("femors_heat" not in item.data.color_attributes, "the colours are still there")
+    yield from shot("9_heat_4_back")
+    yield from only()
+
+
+def kept() -> Steps:
+    """Write the report with the viewport in it, morph to a shape key and make a film of it; undo that."""
+    yield from only("report")
+    path = OUT / "report.html"
+    path.unlink(missing_ok=True)
+    check(call(bpy.ops.femors.report, filepath=str(path)) == {"FINISHED"}, "no report")
+    text = path.read_text(encoding="utf-8")
+    check("As the viewport showed it" in text and text.count("<svg") > 5, "the page lacks pictures or plots")
+    form = bpy.context.scene.femors
+    form.result = "SHAPE_KEY"
+    source = bpy.data.objects["Femur"]
+    yield from start()
+    yield from wait("the shape key", quiet)
+    check(source.data.shape_keys, "no shape key")
+    bpy.ops.object.select_all(action="DESELECT")
+    source.select_set(True)
+    bpy.context.view_layer.objects.active = source
+    call(bpy.ops.ed.undo_push, message="select")
+    check(call(bpy.ops.femors.animate) == {"FINISHED"}, "no film")
+    key = source.data.shape_keys.key_blocks[-1]
+    bpy.context.scene.frame_set(31)
+    yield from pause(0.3)
+    check(0.3 < key.value < 0.7, f"half way through the slider is at {key.value}")
+    yield from shot("9_film")
+    call(bpy.ops.ed.undo)
+    yield from pause(0.3)
+    source = bpy.data.objects["Femur"]
+    animation = source.data.shape_keys.animation_data
+    check(animation is None or animation.action is None, "one undo did not take the film away")
+    bpy.context.scene.femors.result = "NEW"
+    yield from only()
 
 
 def finish() -> Steps:
@@ -370,7 +540,10 @@ def other_file() -> Steps:
 
 
 def quitting() -> Steps:
-    """Quit Blender while a job runs; run_window.py sees whether it ends."""
+    """Cancel a job, start another and quit Blender while it runs; run_window.py sees whether it ends."""
+    yield from start()
+    call(bpy.ops.femors.cancel)
+    yield from wait("the operator to end", lambda: job() is None)
     yield from start()
 
 
@@ -388,6 +561,9 @@ STORY = (
     second_window,
     switched_off,
     other_file,
+    watched,
+    measured,
+    kept,
     quitting,
 )
 
@@ -395,7 +571,10 @@ STORY = (
 def whole() -> Steps:
     """All steps, one after the other."""
     yield from pause(1.0)
+    wanted = os.environ.get("FEMORS_WINDOW_STEPS", "").split(",")
     for step in STORY:
+        if wanted != [""] and step.__name__ not in wanted:
+            continue
         print(f"window: {step.__name__}", flush=True)
         begin = time.monotonic()
         yield from step()

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``femors quality``: the figures of a mesh, and of a mesh beside another."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from . import cli_convert, deckfiles, files
+from .commandline import Console, check_paths
+from .deck import Deck
+from .examine import WORST_ASPECT, Examination, examine
+from .progress import FemorsError
+from .report_figures import mesh_figures
+from .report_files import HELP, check_ending, report_bytes
+from .version import version
+from .volume_quality import VolumeQuality
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``femors quality``."""
+    parser.add_argument("source", metavar="MESH", help=f"what is to be measured: {cli_convert.KINDS}")
+    parser.add_argument(
+        "other", metavar="OTHER", nargs="?", help="a mesh to compare it with, of any such kind"
+    )
+    parser.add_argument("--part", metavar="NAME", help="the part of MESH, where it is a deck with several")
+    parser.add_argument("--other-part", metavar="NAME", help="the same of OTHER")
+    parser.add_argument(
+        "--worst-aspect",
+        type=float,
+        default=WORST_ASPECT,
+        metavar="FLOAT",
+        help=f"faces with a larger aspect ratio count as slender (default {WORST_ASPECT:g})",
+    )
+    parser.add_argument("--report", metavar="R", help=HELP)
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Measure, print and report; 1 where the mesh has faults."""
+    outputs = [path for path in (args.report,) if path is not None]
+    inputs = [path for path in (args.source, args.other) if path is not None]
+    check_paths(inputs, outputs)
+    if args.report is not None:
+        check_ending(args.report)
+    files.check_writable(*outputs)
+    if not args.worst_aspect >= 1:
+        raise FemorsError("--worst-aspect: the aspect ratio is 1 or more")
+    source = deckfiles.read(args.source)
+    surface = cli_convert.surface_of(source, args.part, "--part")
+    elements = None
+    if isinstance(source, Deck):
+        part = cli_convert.part_of(source, args.part, "--part")
+        assert part is not None
+        mesh, _ = source.submesh(part)
+        elements = VolumeQuality.of(mesh) if mesh.solid else None
+    other = None
+    if args.other is not None:
+        other = cli_convert.surface_of(deckfiles.read(args.other), args.other_part, "--other-part")
+    try:
+        found = examine(surface, other, elements, args.worst_aspect, console.progress)
+    except FemorsError as error:
+        text = str(error)
+        for role, path in (("mesh: ", args.source), ("other mesh: ", args.other)):
+            text = f"{path}: {text.removeprefix(role)}" if text.startswith(role) else text
+        raise FemorsError(text) from None
+    console.end_progress()
+    faults = faults_of(found)
+    report = {"femors": version(), "files": {"mesh": args.source, "other": args.other}, "faults": faults}
+    report |= {f"{k}_counted" if k == "faults" else k: v for k, v in found.as_dict().items()}
+    if args.report is not None:
+        title = f"Quality of {Path(args.source).name}"
+        data = report_bytes(args.report, report, title, lambda: mesh_figures(surface, other, {}))
+        with files.replacing(args.report) as (new,):
+            new.write_bytes(data)
+        console.written = True
+    for note in found.notes if not args.quiet else ():
+        console.warn(f"note: {note}")
+    console.say(found.summary())
+    for fault in faults:
+        console.warn(fault)
+    return 1 if faults else 0
+
+
+def faults_of(found: Examination) -> list[str]:
+    """Return what is wrong with a mesh, in words."""
+    counts = {
+        "faces cross others": len(found.self_intersecting),
+        "faces are folded over": len(found.folded),
+        "faces have no area": len(found.degenerate),
+        "elements are inverted": found.elements.inverted if found.elements is not None else 0,
+    }
+    return [f"{count} {words}" for words, count in counts.items() if count]

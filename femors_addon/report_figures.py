@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures and histograms of a morph, or of any mesh that carries numbers, for a report's page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .colours import DIVERGING, painted, span
+from .mesh import Float, Surface
+from .nearest import SurfaceIndex
+from .picture import BONE, Shown, View, picture, views
+from .plots import bar, histogram
+from .quality import aspect_ratio
+from .quantities import QUANTITIES, triangle_jacobians
+from .report_html import Figure, Item, Section
+
+SOURCE, TARGET = (0.80, 0.67, 0.50), (0.55, 0.66, 0.78)
+MAP = "lagoon"
+ROUNDING = 1e-5  # of the size: lengths below are not worth a picture
+
+
+def morph_figures(
+    aligned: Surface | None,
+    morphed: Surface,
+    target: Surface | None,
+    values: Mapping[str, ArrayLike],
+    unit: str = "",
+) -> list[Section]:
+    """Return the sections "Pictures" and "Distributions" of a morph.
+
+    Parameters
+    ----------
+    aligned, morphed, target : Surface
+        Source after the alignment, result, and the shape to reach, all in one place; None where it is not
+        known any more.
+    values : dict of str to (n,) array
+        Of the result's vertices, by the keys of `quantities.QUANTITIES`.
+    unit : str
+        Of lengths; "" where it is not known.
+    """
+    every = [one for one in (aligned, morphed, target) if one is not None]
+    sights = views(every)
+    items: list[Item] = []
+    parts = ((aligned, SOURCE, "Source, aligned"), (target, TARGET, "Target"), (morphed, BONE, "Result"))
+    for surface, colour, name in parts:
+        if surface is not None:
+            items += _from_all([Shown(surface, colour)], sights, name)
+    items += heat_pictures(morphed, values, sights, unit)
+    distances: dict[str, Float] = {}
+    if target is not None:
+        far = SurfaceIndex(morphed).closest(target.vertices).distance
+        items += _heat(target, far, sights, _with_unit("Distance of the target from the result", unit))
+        used = np.unique(target.faces)
+        if aligned is not None:
+            distances["source, aligned"] = SurfaceIndex(aligned).closest(target.vertices[used]).distance
+        distances["result"] = far[used]
+    shapes = {"source": aligned, "result": morphed}
+    aspects = {name: aspect_ratio(one) for name, one in shapes.items() if one is not None}
+    jacobians = {name: triangle_jacobians(one) for name, one in shapes.items() if one is not None}
+    plots = [
+        (
+            histogram(distances, _with_unit("distance", unit)),
+            "Distance of the target's vertices from the surface.",
+        ),
+        *_spread(morphed, values, unit),
+        (histogram(aspects, "aspect ratio", "faces"), "Aspect ratio of the faces."),
+        (
+            histogram(jacobians, "scaled Jacobian", "faces"),
+            "Scaled Jacobian of the faces (1 is equilateral).",
+        ),
+    ]
+    spread = tuple(Figure(drawn, caption) for drawn, caption in plots if drawn)
+    return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
+
+
+def mesh_figures(
+    surface: Surface, other: Surface | None, values: Mapping[str, ArrayLike], unit: str = ""
+) -> list[Section]:
+    """Return the sections "Pictures" and "Distributions" of one mesh, beside another where there is one."""
+    sights = views([surface] if other is None else [surface, other])
+    items: list[Item] = _from_all([Shown(surface, BONE)], sights, "Mesh")
+    if other is not None:
+        items += _from_all([Shown(surface, BONE), Shown(other, TARGET)], sights, "With the other mesh (blue)")
+    items += heat_pictures(surface, values, sights, unit)
+    plots = [
+        (histogram({"": aspect_ratio(surface)}, "aspect ratio", "faces"), "Aspect ratio of the faces."),
+        (
+            histogram({"": triangle_jacobians(surface)}, "scaled Jacobian", "faces"),
+            "Scaled Jacobian of the faces.",
+        ),
+        *_spread(surface, values, unit),
+    ]
+    spread = tuple(Figure(drawn, caption) for drawn, caption in plots if drawn)
+    return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
+
+
+def heat_pictures(
+    surface: Surface, values: Mapping[str, ArrayLike], sights: list[View], unit: str
+) -> list[Item]:
+    """Return, for each quantity, the surface coloured by it in all views, and the legend."""
+    items: list[Item] = []
+    for key, label in _labels(values, unit):
+        items += _heat(surface, values[key], sights, label, QUANTITIES[key].signed)
+    return items
+
+
+def _heat(
+    surface: Surface, values: ArrayLike, sights: list[View], label: str, signed: bool = False
+) -> list[Item]:
+    """Return a surface coloured by values of its vertices, and the legend; a sentence where all are 0."""
+    numbers, least = np.asarray(values, dtype=float), ROUNDING * surface.diagonal
+    if np.abs(numbers).max(initial=0.0) < least:
+        return [f"{label}: 0 everywhere, but for rounding."]
+    name = DIVERGING if signed else MAP
+    low, high = span(numbers, signed, least)
+    colours = painted(numbers, low, high, name)
+    legend = Figure(bar(name, low, high, label), "Values beyond the ends have the end's colour.")
+    return [*_from_all([Shown(surface, colours)], sights, label), legend]
+
+
+def _labels(values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]:
+    out = []
+    for key, quantity in QUANTITIES.items():
+        if key in values and not quantity.of_faces:
+            out.append((key, _with_unit(quantity.label, unit)))
+    return out
+
+
+def _spread(surface: Surface, values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]:
+    """Return a histogram and its caption for each quantity that is more than rounding."""
+    least = ROUNDING * surface.diagonal
+    return [
+        (histogram({key: values[key]}, label), f"{label} at the vertices.")
+        for key, label in _labels(values, unit)
+        if np.abs(np.asarray(values[key])).max(initial=0.0) >= least
+    ]
+
+
+def _with_unit(label: str, unit: str) -> str:
+    return f"{label} ({unit})" if unit else label
+
+
+def _from_all(shown: list[Shown], sights: list[View], name: str) -> list[Item]:
+    words = ("", ", a quarter turn on")
+    return [Figure(picture(shown, sight), name + word) for sight, word in zip(sights, words, strict=True)]

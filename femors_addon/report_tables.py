@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tables and plots from the dictionary that any job of FEMORS reports: no job needs a page of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .plots import curves, number
+from .report_html import Figure, Item, Section, Table, Warnings
+
+STAT = {"median", "p99", "maximum"}
+"""Keys by which a `quality.Stat` is known."""
+LOUD = ("faults", "warnings", "notes")
+LONGEST = 40
+"""Rows of a table of records, and members of a list, that are printed; the JSON has them all."""
+WORDS = {
+    "surface_to_target": "Surface distance, source to target",
+    "target_to_surface": "Surface distance, target to source",
+    "hausdorff": "Distance to the nearest vertex",
+    "aspect": "Aspect ratio",
+    "dihedral": "Dihedral angle (degrees)",
+    "flipped": "Flipped faces",
+    "self_intersecting": "Self-intersecting faces",
+    "p01": "1st percentile",
+    "p99": "99th percentile",
+    "cpu_seconds": "CPU time (s)",
+    "seconds": "Time (s)",
+    "stop_reason": "Verdict",
+    "xor": "XOR volume",
+    "rms": "RMS",
+    "edge": "Edge length",
+    "scaled_jacobian": "Scaled Jacobian",
+    "xor_uncertainty": "XOR volume, uncertainty",
+    "dice": "Dice coefficient",
+    "mesh_name": "Mesh",
+    "other_name": "Compared with",
+}
+"""Keys that say less than they should."""
+
+
+def words(key: str) -> str:
+    """Return a key as a reader would have it."""
+    return WORDS.get(key) or key.replace("_", " ").capitalize()
+
+
+def sections(report: Mapping[str, Any]) -> list[Section]:
+    """Return the sections of a report: verdict, before and after, convergence, settings, and all else.
+
+    Parameters
+    ----------
+    report : dict
+        As JSON would have it. Known by their keys: ``before`` and ``after`` (compared), ``history`` (a
+        list of records, one per iteration), ``settings``, ``warnings``, ``faults``, ``notes``. Other
+        dictionaries become sections of their own.
+    """
+    plain = {k: v for k, v in report.items() if not isinstance(v, (Mapping, list, tuple))}
+    out = [Section("Summary", (*_loud(report), *_records_or_pairs(plain)))]
+    if isinstance(report.get("before"), Mapping) and isinstance(report.get("after"), Mapping):
+        out.append(Section("Before and after", (compared(report["before"], report["after"]),)))
+    history = report.get("history")
+    if history:
+        out.append(Section("Convergence", tuple(_history(history))))
+    for key, value in report.items():
+        if key in ("before", "after", "history", "settings", *LOUD) or not isinstance(
+            value, (Mapping, list, tuple)
+        ):
+            continue
+        items = tuple(_items(value))
+        if items:
+            out.append(Section(words(key), items))
+    if isinstance(report.get("settings"), Mapping):
+        out.append(Section("Settings", tuple(_records_or_pairs(report["settings"]))))
+    return [section for section in out if section.items]
+
+
+def compared(before: Mapping[str, Any], after: Mapping[str, Any]) -> Table:
+    """Return a table of what both have."""
+    rows = tuple(
+        (words(key), _cell(before[key]), _cell(after[key]))
+        for key in before
+        if key in after and (_is_stat(before[key]) or not isinstance(before[key], (Mapping, list)))
+    )
+    return Table(("median [1 %, 99 %] maximum", "before", "after"), rows)
+
+
+def flat(report: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every number and text of a report by its path, such as ``after.aspect.median``."""
+    for key, value in report.items():
+        path = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{path}.")
+        elif isinstance(value, (list, tuple)):
+            yield from flat({str(i): one for i, one in enumerate(value)}, f"{path}.")
+        else:
+            yield path, value
+
+
+def _loud(report: Mapping[str, Any]) -> Iterator[Item]:
+    lines = tuple(
+        str(line) for key in LOUD if isinstance(report.get(key), (list, tuple)) for line in report[key]
+    )
+    if lines:
+        yield Warnings(lines)
+
+
+def _items(value: Any, caption: str = "") -> Iterator[Item]:
+    if isinstance(value, Mapping):
+        stats = {k: v for k, v in value.items() if _is_stat(v)}
+        if isinstance(value.get("before"), Mapping) and isinstance(value.get("after"), Mapping):
+            yield compared(value["before"], value["after"])
+            value = {k: v for k, v in value.items() if k not in ("before", "after")}
+        if stats:
+            rows = tuple((words(k), _cell(v)) for k, v in stats.items())
+            yield Table(("median [1 %, 99 %] maximum", ""), rows, caption)
+        plain = {k: v for k, v in value.items() if not isinstance(v, (Mapping, list, tuple))}
+        yield from _records_or_pairs(plain, "" if stats else caption)
+        for key, other in value.items():
+            if isinstance(other, (Mapping, list, tuple)) and not _is_stat(other):
+                yield from _items(other, words(key))
+    elif value and all(isinstance(one, Mapping) for one in value):
+        yield _records(value, caption)
+    elif value and all(isinstance(one, (list, tuple)) for one in value):
+        yield Table(("",), tuple(tuple(_cell(x) for x in ("", *row)) for row in value[:LONGEST]), caption)
+    elif value:
+        more = f" ... ({len(value)} in all)" if len(value) > LONGEST else ""
+        text = ", ".join(_cell(one) for one in value[:LONGEST]) + more
+        yield f"{caption}: {text}" if caption else text
+
+
+def _records_or_pairs(plain: Mapping[str, Any], caption: str = "") -> Iterator[Table]:
+    rows = tuple((words(key), _cell(value)) for key, value in plain.items() if value is not None)
+    if rows:
+        yield Table(("", ""), rows, caption)
+
+
+def _records(records: Any, caption: str = "") -> Table:
+    keys = list(dict.fromkeys(key for record in records for key in record))
+    rows = [tuple(_cell(record.get(key, "")) for key in keys) for record in records[:LONGEST]]
+    if len(records) > LONGEST:
+        rows.append((f"... {len(records)} in all", *[""] * (len(keys) - 1)))
+    return Table(tuple(words(key) for key in keys), tuple(rows), caption)
+
+
+def _history(history: Any) -> Iterator[Item]:
+    """Plot what falls from iteration to iteration, then print it."""
+    numbers = [
+        key
+        for key in history[0]
+        if key not in ("iteration", "nodes", "level")
+        and all(isinstance(step.get(key), (int, float)) for step in history)
+    ]
+    series = {words(key): [(i + 1, step[key]) for i, step in enumerate(history)] for key in numbers[:4]}
+    drawn = curves(series, "iteration, all levels in turn", "length (log)")
+    if drawn:
+        yield Figure(
+            drawn, "Convergence: one point for each iteration, from the coarsest level to the dense mesh."
+        )
+    yield _records(history)
+
+
+def _is_stat(value: Any) -> bool:
+    return isinstance(value, Mapping) and set(value) >= STAT
+
+
+def _cell(value: Any) -> str:
+    if _is_stat(value):
+        low = (
+            f"[{number(value['p01'])}, {number(value['p99'])}]"
+            if "p01" in value
+            else f"99 % {number(value['p99'])}"
+        )
+        return f"{number(value['median'])} {low} {number(value['maximum'])}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return number(value)
+    return "" if value is None else str(value)

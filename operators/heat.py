@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Heat maps: a quantity as a colour attribute, the viewport's shading for it, and the way back.
+
+No ``from __future__ import annotations`` here: Blender reads annotations as property definitions.
+"""
+
+from typing import Any, ClassVar
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..femors_addon.progress import FemorsError
+from . import deck_scene, deck_store, dependencies, heat_form
+
+Array = NDArray[Any]
+
+COLOURS = "femors_heat"
+"""Name of the colour attribute, and of the note on a mesh that says what it shows."""
+BEFORE = "femors_heat_before"
+"""Name of the note on a mesh: its active colour attribute from before, or ""."""
+SHADING = "femors_shading"
+"""Name of the note on a screen: how its viewports were shaded."""
+ROUNDING = 1e-5
+"""Of an object's size: differences below this are not spread over all colours."""
+REMEMBERED = ("type", "color_type", "show_specular_highlight")
+
+CHOICES = (
+    ("surface_distance", "Distance to Target", "From each vertex to the surface it was morphed onto"),
+    ("displacement", "Displacement", "How far each vertex was moved, after the alignment"),
+    ("gap", "Gap", "Signed distance to the other mesh: negative where the two overlap"),
+    ("aspect", "Aspect Ratio", "Longest side of a face over its shortest: 1 is best"),
+    ("skewness", "Skewness", "0 is an equilateral triangle, 1 has no area"),
+    ("scaled_jacobian", "Scaled Jacobian", "1 is regular, 0 flat, negative inside out; of FE parts by node"),
+)
+"""The keys of `femors_addon.quantities.QUANTITIES`, which takes SciPy to import; a test compares them."""
+
+
+class FEMORS_PG_heat(bpy.types.PropertyGroup):
+    """What the panels Quality and Heat Map ask for, `Scene.femors_heat`."""
+
+    mesh: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=heat_form.is_mesh,
+        name="Mesh",
+        description="The mesh to be measured; empty takes the active object",
+    )
+    other: bpy.props.PointerProperty(
+        type=bpy.types.Object,
+        poll=heat_form.is_mesh,
+        name="Compare with",
+        description="Another mesh, for distances and the volume in which the two differ; may be empty",
+    )
+    quantity: bpy.props.EnumProperty(
+        name="Quantity", description="What the colours show", items=CHOICES, update=heat_form.changed
+    )
+    automatic: bpy.props.BoolProperty(
+        name="Automatic Range",
+        description="From the 1st to the 99th percentile of what is shown; about zero for a signed quantity",
+        default=True,
+        update=heat_form.changed,
+    )
+    low: bpy.props.FloatProperty(
+        name="From",
+        description="Value of the first colour, in scene units",
+        default=0.0,
+        precision=3,
+        update=heat_form.changed,
+    )
+    high: bpy.props.FloatProperty(
+        name="To",
+        description="Value of the last colour, in scene units",
+        default=1.0,
+        precision=3,
+        update=heat_form.changed,
+    )
+
+
+def meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the mesh objects that are to be shown: the selected ones, else the active one."""
+    found = [item for item in context.selected_objects if item.type == "MESH"]
+    active = context.active_object
+    return found or ([active] if active is not None and active.type == "MESH" else [])
+
+
+def shown(item: bpy.types.Object | None) -> dict[str, Any] | None:
+    """Return what an object shows as a heat map: quantity, low, high, map; None for nothing."""
+    if item is None or item.type != "MESH" or COLOURS not in item.data.color_attributes:
+        return None
+    note = item.data.get(COLOURS)
+    return None if note is None else dict(note)
+
+
+def values_of(item: bpy.types.Object, key: str, other: bpy.types.Object | None = None) -> Array:
+    """Return a quantity of an object's mesh: by vertex, or by polygon where faces have it.
+
+    Raises
+    ------
+    FemorsError
+        The mesh has not got it.
+    """
+    from ..femors_addon.quantities import QUANTITIES
+
+    quantity, mesh = QUANTITIES[key], item.data
+    if key == "scaled_jacobian" and deck_store.is_part(item):
+        return _of_elements(item)
+    if quantity.of_faces:
+        return _of_faces(item, key)
+    attribute = mesh.attributes.get(quantity.attribute)
+    if attribute is not None and (attribute.data_type, attribute.domain) == ("FLOAT", "POINT"):
+        out = np.empty(len(mesh.vertices), dtype=np.float32)
+        attribute.data.foreach_get("value", out)
+        return out
+    if key == "gap" and other is not None and other != item:
+        return _gap(item, other)
+    hint = {
+        "gap": "choose another mesh under Compare with, or remove an overclosure first",
+        "surface_distance": "it comes with a morph's result: select that",
+        "displacement": "it comes with a morph's result: select that",
+    }[key]
+    raise FemorsError(f"'{item.name}' has no {quantity.label.lower()} to be shown: {hint}")
+
+
+def _world(item: bpy.types.Object) -> Array:
+    positions = np.empty(3 * len(item.data.vertices), dtype=np.float32)
+    item.data.vertices.foreach_get("co", positions)
+    matrix = np.array(item.matrix_world, dtype=np.float64)
+    return positions.reshape(-1, 3).astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def surface_of(item: bpy.types.Object) -> tuple[Any, Array]:
+    """Return an object's surface in world coordinates, and the polygon of each of its triangles."""
+    from ..femors_addon.mesh import Surface, triangulate
+
+    mesh = item.data
+    sizes = np.empty(len(mesh.polygons), dtype=np.int32)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    corners = np.empty(len(mesh.loops), dtype=np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    triangles, polygon = triangulate(sizes, corners)
+    return Surface(_world(item), triangles), polygon
+
+
+def _of_faces(item: bpy.types.Object, key: str) -> Array:
+    from ..femors_addon.quantities import of_shape, worst
+
+    surface, polygon = surface_of(item)
+    return worst(key, of_shape(key, surface), polygon, len(item.data.polygons))
+
+
+def _of_elements(item: bpy.types.Object) -> Array:
+    """Return the worst scaled Jacobian of the elements at each vertex of a part of a deck."""
+    from ..femors_addon.volume_quality import scaled_jacobians
+
+    deck, shot = deck_store.unpacked(deck_store.archive_of(item)), deck_scene.shot(item)
+    part, vertex = shot.of(deck), shot.vertices(deck)
+    coordinates = np.array(deck.coordinates)
+    coordinates[part.nodes] = shot.nodes(deck)
+    mesh, nodes = deck.with_coordinates(coordinates).submesh(part)
+    jacobians, worst = scaled_jacobians(mesh), np.ones(len(coordinates))
+    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+        values = np.repeat(jacobians[start : start + len(block)], block.nodes.shape[1])
+        np.minimum.at(worst, nodes[block.nodes.ravel()], values)
+    out = np.ones(len(item.data.vertices))
+    out[vertex] = worst[part.nodes]
+    return out
+
+
+def _gap(item: bpy.types.Object, other: bpy.types.Object) -> Array:
+    from ..femors_addon.mesh import clean
+    from ..femors_addon.nearest import SurfaceIndex
+
+    theirs, _ = surface_of(other)
+    index = SurfaceIndex(clean(theirs.vertices, theirs.faces, other.name).surface)
+    return index.signed(_world(item))
+
+
+def paint(item: bpy.types.Object, key: str, values: Array, low: float, high: float, name: str) -> None:
+    """Write the colours of values, by vertex or by polygon, and the note of what they show."""
+    from ..femors_addon.colours import linear, painted
+
+    mesh = item.data
+    colours = np.ones((len(values), 4), dtype=np.float32)
+    colours[:, :3] = linear(painted(values, low, high, name))
+    domain = "POINT"
+    if len(values) != len(mesh.vertices) or (key in FACE_KEYS and not deck_store.is_part(item)):
+        domain = "CORNER"
+        sizes = np.empty(len(mesh.polygons), dtype=np.int32)
+        mesh.polygons.foreach_get("loop_total", sizes)
+        colours = np.repeat(colours, sizes, axis=0)
+    if BEFORE not in mesh:
+        active = mesh.color_attributes.active_color
+        mesh[BEFORE] = active.name if active is not None and active.name != COLOURS else ""
+    layer = mesh.color_attributes.get(COLOURS)
+    if layer is not None and layer.domain != domain:
+        mesh.color_attributes.remove(layer)
+        layer = None
+    if layer is None:
+        layer = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", domain)
+    layer.data.foreach_set("color", colours.ravel())
+    mesh.color_attributes.active_color = layer
+    mesh[COLOURS] = {"quantity": key, "low": float(low), "high": float(high), "map": name}
+    mesh.update()
+
+
+FACE_KEYS = ("aspect", "skewness", "scaled_jacobian")
+
+
+def unpaint(item: bpy.types.Object) -> None:
+    """Take colours and notes from a mesh, and make the colours from before active again."""
+    mesh = item.data
+    layer = mesh.color_attributes.get(COLOURS)
+    if layer is not None:
+        mesh.color_attributes.remove(layer)
+    before = mesh.color_attributes.get(mesh.get(BEFORE, ""))
+    if before is not None:
+        mesh.color_attributes.active_color = before
+    for note in (COLOURS, BEFORE):
+        if note in mesh:
+            del mesh[note]
+    mesh.update()
+
+
+def show(context: bpy.types.Context, items: list[bpy.types.Object]) -> tuple[float, float]:
+    """Paint objects with what the form asks for, in one range for all; return the range."""
+    from ..femors_addon.colours import DIVERGING, span
+    from ..femors_addon.quantities import QUANTITIES
+
+    form = context.scene.femors_heat
+    key = form.quantity
+    for item in items:
+        if item.data.library is not None or item.data.override_library is not None:
+            raise FemorsError(f"'{item.name}' is linked from another file: make it local to colour it")
+        if not len(item.data.polygons):
+            raise FemorsError(f"'{item.name}' has no faces to be coloured")
+    values = [values_of(item, key, form.other) for item in items]
+    signed = QUANTITIES[key].signed
+    length = QUANTITIES[key].unit == "length"
+    least = ROUNDING * max(max(item.dimensions) for item in items) if length else ROUNDING
+    low, high = span(np.concatenate(values), signed, least) if form.automatic else (form.low, form.high)
+    if not high > low:
+        raise FemorsError(f"The range ends at {high:g} and begins at {low:g}: make To larger than From")
+    for item, one in zip(items, values, strict=True):
+        paint(item, key, one, low, high, DIVERGING if signed else colour_map(context))
+    return low, high
+
+
+def repaint(context: bpy.types.Context) -> None:
+    """Paint anew, in the form's quantity and range, what is shown; leave it where that cannot be."""
+    items = [item for item in context.scene.objects if shown(item) is not None]
+    if items:
+        try:
+            show(context, items)
+        except FemorsError:
+            return
+        redraw(context)
+
+
+def colour_map(context: bpy.types.Context) -> str:
+    """Return the colour map that the preferences name."""
+    addon = context.preferences.addons.get(__package__.rpartition(".")[0])
+    return getattr(addon.preferences if addon else None, "colour_map", "lagoon")
+
+
+# --- the viewport -----------------------------------------------------------------------------------
+def shade(context: bpy.types.Context) -> None:
+    """Let the viewports of the window show colour attributes; remember how they were."""
+    screen = context.screen or (context.window.screen if context.window else None)
+    if screen is None:
+        return
+    before = dict(screen.get(SHADING, {}))
+    for number, area in enumerate(screen.areas):
+        if area.type != "VIEW_3D":
+            continue
+        shading = area.spaces.active.shading
+        before.setdefault(str(number), {name: getattr(shading, name) for name in REMEMBERED})
+        shading.type, shading.color_type, shading.show_specular_highlight = "SOLID", "VERTEX", False
+    screen[SHADING] = before
+
+
+def unshade() -> None:
+    """Give all viewports the shading back that they had."""
+    for screen in bpy.data.screens:
+        if SHADING not in screen:
+            continue
+        for number, kept in dict(screen[SHADING]).items():
+            area = screen.areas[int(number)] if int(number) < len(screen.areas) else None
+            if area is None or area.type != "VIEW_3D":
+                continue
+            shading = area.spaces.active.shading
+            # color_type can only be set while the shading is solid
+            shading.color_type = kept["color_type"]
+            shading.show_specular_highlight = bool(kept["show_specular_highlight"])
+            shading.type = kept["type"]
+        del screen[SHADING]
+
+
+def redraw(context: bpy.types.Context) -> None:
+    """Draw all viewports anew."""
+    for window in context.window_manager.windows if context.window_manager else ():
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+class FEMORS_OT_show_heat(bpy.types.Operator):
+    """Colour the selected meshes by a quantity and show a legend; the mesh itself stays as it is"""
+
+    bl_idname = "femors.show_heat"
+    bl_label = "Show Heat Map"
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+
+    quantity: bpy.props.EnumProperty(
+        name="Quantity", description="What the colours show", items=CHOICES, options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh must be selected, in Object Mode."""
+        message = dependencies.missing()
+        if context.mode != "OBJECT":
+            message = "Leave Edit Mode or painting first: heat maps are shown in Object Mode"
+        elif not meshes(context):
+            message = "Select a mesh"
+        if message:
+            cls.poll_message_set(message)
+        return not message
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Paint, shade, and say the range."""
+        form = context.scene.femors_heat
+        if self.properties.is_property_set("quantity"):
+            form.quantity = self.quantity
+        items = list({item.data: item for item in meshes(context)}.values())
+        try:
+            dependencies.require()
+            low, high = show(context, items)
+        except FemorsError as error:
+            self.report({"ERROR"}, " ".join(str(error).split()))
+            return {"CANCELLED"}
+        shade(context)
+        redraw(context)
+        name = form.bl_rna.properties["quantity"].enum_items[form.quantity].name
+        self.report({"INFO"}, f"{name} of {len(items)} mesh(es), colours from {low:.3g} to {high:.3g}")
+        return {"FINISHED"}
+
+
+class FEMORS_OT_hide_heat(bpy.types.Operator):
+    """Take the colours away and give the viewport the shading that it had"""
+
+    bl_idname = "femors.hide_heat"
+    bl_label = "Hide Heat Map"
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Something must be shown."""
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Leave Edit Mode or painting first")
+            return False
+        if any(shown(item) is not None for item in context.scene.objects):
+            return True
+        if any(SHADING in screen for screen in bpy.data.screens):
+            return True
+        cls.poll_message_set("No heat map is shown")
+        return False
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Undo what `show_heat` has done."""
+        for item in bpy.data.objects:
+            if shown(item) is not None and item.data.library is None:
+                unpaint(item)
+        unshade()
+        redraw(context)
+        return {"FINISHED"}
+
+
+classes = (FEMORS_PG_heat, FEMORS_OT_show_heat, FEMORS_OT_hide_heat)
+
+
+def register() -> None:
+    """Register the operators and hang the form on scenes."""
+    for cls in classes:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.femors_heat = bpy.props.PointerProperty(type=FEMORS_PG_heat)
+    heat_form.Listener.repaint = repaint
+
+
+def unregister() -> None:
+    """Take everything back; what is shown stays coloured."""
+    heat_form.Listener.repaint = None
+    del bpy.types.Scene.femors_heat
+    for cls in reversed(classes):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reports: pages that need nothing else, data that says the same, pictures that show what is there."""
+
+from __future__ import annotations
+
+import csv
+import html.parser
+import io
+import json
+import struct
+import zlib
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from femors_addon import picture, plots, report_files, report_html, report_tables
+from femors_addon.align import transformed
+from femors_addon.mesh import Surface
+from femors_addon.morph import morph
+from femors_addon.progress import FemorsError
+from femors_addon.report_figures import mesh_figures, morph_figures
+from femors_addon.shapes import pair
+
+
+class Page(html.parser.HTMLParser):
+    """What is on a page, and what it asks of others."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open, self.links, self.count, self.text = [], [], {}, []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.count[tag] = self.count.get(tag, 0) + 1
+        self.links += [v for k, v in attributes if k in ("src", "href") and not v.startswith("data:")]
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.count[tag] = self.count.get(tag, 0) + 1
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def morphed():
+    bones = pair(1200, 1300, posed=True)
+    return bones, morph(bones.source, bones.target)
+
+
+def page_of(morphed) -> str:
+    bones, result = morphed
+    source = bones.source
+    aligned = source.moved(transformed(result.transform, source.vertices))
+    values = {"displacement": result.displacement, "surface_distance": result.surface_distance}
+
+    def figures():
+        return morph_figures(aligned, source.moved(result.vertices), bones.target, values, "mm")
+
+    return report_files.report_bytes("r.html", result.report(), "A <morph>", figures).decode()
+
+
+def test_a_page_needs_nothing_else_and_says_everything(morphed):
+    text = page_of(morphed)
+    page = Page(text)
+    assert not page.open, "a tag is not closed"
+    assert not page.links and "<script" not in text and "url(" not in text
+    assert page.count["img"] >= 10 and page.count["svg"] >= 7 and page.count["table"] >= 4
+    words = " ".join(page.text)
+    for expected in (
+        "A <morph>",
+        morphed[1].stop_reason,
+        "Aspect ratio",
+        "Convergence",
+        "Normal weight",
+        "SciPy",
+        "CPU time (s)",
+        "Displacement (mm)",
+    ):
+        assert expected in words, expected
+
+
+def test_json_and_csv_have_the_same_figures(morphed):
+    report = morphed[1].report()
+    data = json.loads(report_files.report_bytes("r.json", report, ""))
+    assert data == json.loads(json.dumps(report))
+    rows = dict(csv.reader(io.StringIO(report_files.report_bytes("r.CSV", report, "").decode())))
+    assert rows["name"] == "value"
+    assert float(rows["after.aspect.median"]) == report["after"]["aspect"]["median"]
+    assert rows["history.0.level"] == report["history"][0]["level"]
+    with pytest.raises(FemorsError, match=r"a report ends in \.html"):
+        report_files.report_bytes("r.pdf", report, "")
+
+
+def test_any_report_becomes_tables():
+    """Keys that nobody has heard of, such as those of jobs to come."""
+    stat = {"median": 1.0, "p01": 0.0, "p99": 2.0, "maximum": 3.0}
+    report = {
+        "pairs": [{"bodies": "a, b", "depth": 0.5}, {"bodies": "b, c", "depth": 0.25, "more": True}],
+        "left": {"before": {"gap": stat, "count": 7}, "after": {"gap": stat, "count": 0}},
+        "deep": {"er": {"still": 3}},
+        "warnings": ["look & see"],
+        "matrix": [[1.0, 0.0], [0.0, 1.0]],
+        "long": list(range(100)),
+        "nothing": None,
+        "none": [],
+    }
+    found = report_tables.sections(report)
+    assert [section.title for section in found] == ["Summary", "Pairs", "Left", "Deep", "Matrix", "Long"]
+    page = report_html.html("t", "", found)
+    assert "look &amp; see" in page and "100 in all" in page
+    assert "<th>Gap</th><td" in page and "1 [0, 2] 3" in page and "<th>Still</th>" in page
+    assert not Page(page).open
+
+
+def pixels(data: bytes) -> np.ndarray:
+    """Read a PNG as it is written here, with its checksums."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at, parts = 8, {}
+    while at < len(data):
+        (size,), name = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
+        body = data[at + 8 : at + 8 + size]
+        assert struct.unpack(">I", data[at + 8 + size : at + 12 + size])[0] == zlib.crc32(name + body)
+        parts[name], at = body, at + 12 + size
+    width, height = struct.unpack(">II", parts[b"IHDR"][:8])
+    rows = np.frombuffer(zlib.decompress(parts[b"IDAT"]), np.uint8).reshape(height, 1 + 3 * width)
+    return rows[:, 1:].reshape(height, width, 3)
+
+
+def square(depth: float, half: float) -> Surface:
+    corners = [[-half, -half, depth], [half, -half, depth], [half, half, depth], [-half, half, depth]]
+    return Surface(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def test_the_nearer_surface_is_seen():
+    axes = np.eye(3)
+    view = picture.View(axes[0], axes[1], axes[2], np.zeros(3), 1.0, 1.0)
+    near, far = picture.Shown(square(1.0, 0.3), (1, 0, 0)), picture.Shown(square(0.0, 0.7), (0, 0, 1))
+    for shown in ([near, far], [far, near]):
+        seen = pixels(picture.picture(shown, view, 100)).astype(int)
+        assert seen.shape == (100, 100, 3)
+        assert (seen[2, 2] == 255).all(), "the ground is white"
+        assert seen[50, 50, 0] > 150 > 50 > seen[50, 50, 2]
+        assert seen[50, 20, 2] > 150 > 50 > seen[50, 20, 0]
+        red = (seen[..., 0] > 100) & (seen[..., 2] < 50)
+        assert red.sum() == pytest.approx(30 * 30, rel=0.08)
+
+
+def test_the_whole_mesh_is_in_the_picture():
+    bone = pair(800, 800, posed=True).source
+    for view in picture.views([bone]):
+        seen = pixels(picture.picture([picture.Shown(bone)], view, 200))
+        ink = (seen < 250).any(axis=2)
+        assert ink.any() and not ink[[0, -1]].any() and not ink[:, [0, -1]].any()
+        rows = np.flatnonzero(ink.any(axis=1))
+        assert len(rows) > 170, "it fills the picture"
+
+
+def test_plots_are_sound_svg():
+    sample = np.random.default_rng(0).gamma(2.0, 1.0, 500)
+    for drawn in (
+        plots.histogram({"a < b": sample, "b": 2 * sample}, "length & more"),
+        plots.histogram({"": np.full(10, 3.0)}, "constant"),
+        plots.histogram({"": [-1.0, 0.0, 1.0]}, "signed"),
+        plots.curves({"rms": [(i, 0.5**i) for i in range(12)], "zero": [(1, 0.0)]}, "i", "mm"),
+        plots.curves({"one": [(1, 2.0)]}, "i", "mm"),
+        plots.bar("lagoon", 0.0, 2.5, "mm"),
+    ):
+        assert ElementTree.fromstring(drawn).tag.endswith("svg")
+        assert "nan" not in drawn and "inf" not in drawn
+    assert plots.histogram({}, "x") == "" and plots.curves({"a": [(1, 0.0)]}, "i", "mm") == ""
+
+
+def test_a_histogram_has_the_shares():
+    drawn = ElementTree.fromstring(plots.histogram({"": [0.0] * 3 + [1.0]}, "x"))
+    polygon = next(one for one in drawn.iter() if one.tag.endswith("polygon"))
+    ys = np.array([[float(v) for v in p.split(",")] for p in polygon.get("points").split()])[:, 1]
+    heights = ys.max() - ys
+    assert heights[1] == pytest.approx(3 * heights[-2], rel=0.02)
+
+
+def test_ticks_are_round_and_within():
+    for low, high in ((0, 1), (-3.2, 17), (1e-5, 4e-5), (1000, 1001)):
+        found = plots.ticks(low, high)
+        assert 2 <= len(found) <= 9 and low - 1e-12 <= found[0] and found[-1] <= high * (1 + 1e-12)
+
+
+def test_a_mesh_has_a_page_too():
+    bone = pair(600, 600).source
+    sections = mesh_figures(bone, bone.moved(bone.vertices + 1.0), {"gap": bone.vertices[:, 0]}, "mm")
+    page = report_html.html("Quality", "", sections)
+    assert "Gap (mm)" in page and "With the other mesh" in page and not Page(page).open
