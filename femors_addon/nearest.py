@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 
 import numpy as np
@@ -99,33 +101,51 @@ class SurfaceIndex:
         rough: bool,
     ) -> None:
         """Improve `found` (squared distance, face, barycentric) by the faces at one class of vertices."""
-        best = found[0]
         open_points, seen = np.arange(len(points)), 0
         k = min(1 if rough else FIRST_NEIGHBOURS, len(members))
+
+        def look(block: Int) -> Int:
+            return self._look(points, block, tree, members, slack, found, seen, k)
+
         while len(open_points):
-            still = []
-            for block in blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)):
+            parts, still = blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)), []
+            for rest in _threaded(look, parts):
                 progress(1.0 - len(open_points) / max(len(points), 1), "closest points")
-                far, order = tree.query(points[block], k=k, workers=Limits.threads)
-                far, order = far.reshape(len(block), k) ** 2, order.reshape(len(block), k)
-                # the nearest vertex bounds what the others must beat
-                if not seen:
-                    first = members[order[:, 0]]
-                    close = far[:, 0] <= best[block] + self._slack[first]
-                    self._improve(points, block[close], first[close], None, found)
-                if rough:
-                    continue
-                start = max(seen, 1)
-                vertex = members[order[:, start:]]
-                close = far[:, start:] <= best[block][:, None] + self._slack[vertex]
-                pick = np.nonzero(close)[0]
-                # the faces at the nearest vertex have been tried
-                self._improve(points, block[pick], vertex[close], members[order[pick, 0]], found)
-                still.append(block[far[:, -1] <= best[block] + slack])
+                still.append(rest)
             if k == len(members) or rough:
                 return
             open_points, seen = np.concatenate(still), k
             k = min(4 * k, len(members))
+
+    def _look(
+        self,
+        points: Float,
+        block: Int,
+        tree: cKDTree,
+        members: Int,
+        slack: float,
+        found: tuple[Float, Int, Float],
+        seen: int,
+        k: int,
+    ) -> Int:
+        """Try the faces at the k nearest vertices for a block of points; return those still not certain."""
+        best = found[0]
+        far, order = tree.query(points[block], k=k)
+        far, order = far.reshape(len(block), k) ** 2, order.reshape(len(block), k)
+        # the nearest vertex bounds what the others must beat
+        if not seen:
+            first = members[order[:, 0]]
+            close = far[:, 0] <= best[block] + self._slack[first]
+            self._improve(points, block[close], first[close], None, found)
+        if k > 1:
+            start = max(seen, 1)
+            vertex = members[order[:, start:]]
+            close = far[:, start:] <= best[block][:, None] + self._slack[vertex]
+            pick = np.nonzero(close)[0]
+            # the faces at the nearest vertex have been tried
+            self._improve(points, block[pick], vertex[close], members[order[pick, 0]], found)
+        rest: Int = block[far[:, -1] <= best[block] + slack]
+        return rest
 
     def _improve(
         self, points: Float, row: Int, vertex: Int, tried: Int | None, found: tuple[Float, Int, Float]
@@ -213,6 +233,18 @@ class SurfaceIndex:
             for axis in range(3):
                 total[:, axis] += np.bincount(surface.faces[:, i], weighted[:, axis], minlength=len(total))
         return unit(total)
+
+
+def _threaded(work: Callable[[Int], Int], parts: list[Int]) -> Iterator[Int]:
+    """Yield what the work returns for each part, in order; parts touch no row of each other's."""
+    if Limits.threads < 2 or len(parts) < 2:
+        yield from map(work, parts)
+        return
+    pool = ThreadPoolExecutor(Limits.threads)
+    try:
+        yield from pool.map(work, parts)
+    finally:  # also where progress has cancelled
+        pool.shutdown(cancel_futures=True)
 
 
 def blocks(indices: Int, size: int) -> list[Int]:
