@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import sparse
@@ -26,6 +27,9 @@ FLAT = 1e-3  # height by longest side: a face below it is pressed flat
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
+
+_REFERENCES: WeakKeyDictionary[Surface, tuple[Float, Float]] = WeakKeyDictionary()
+"""Facing and slimness of the faces of surfaces that others are compared with."""
 
 
 def averaging(surface: Surface) -> sparse.csr_matrix:
@@ -139,9 +143,11 @@ def folded(reference: Surface, moved: Surface) -> Int:
     A face folds over against its own surroundings. It is pressed flat where nodes come to lie on one
     point or line, as they may where a coarse target has a corner.
     """
-    after, before = _facing(moved), _facing(reference)
-    over = (before > 0) & (after < np.minimum(0.05, 0.5 * before))
-    flat = (_slimness(moved) < FLAT) & (_slimness(reference) >= FLAT)
+    if reference not in _REFERENCES:  # it is asked of again and again while faces are mended
+        _REFERENCES[reference] = _facing(reference), _slimness(reference)
+    before, slim = _REFERENCES[reference]
+    over = (before > 0) & (_facing(moved) < np.minimum(0.05, 0.5 * before))
+    flat = (_slimness(moved) < FLAT) & (slim >= FLAT)
     return np.flatnonzero(over | flat).astype(np.int32)
 
 
