@@ -49,14 +49,14 @@ class Target:
 
 
 def by_surface(source: Surface, target: Target, partial: str, progress: Progress = silent) -> Vectors:
-    """Closest compatible surface points, source to target and target to source (`rough` ones).
+    """Closest compatible surface points, source to target and target to source.
 
     Where one mesh is partial only its own nodes ask; matches to the open border of the searched
     mesh, which stands for all that is missing beyond, are left out.
     """
     centres, vectors = [], []
     if partial != "target":
-        found = target.index.closest(source.vertices, progress, rough=True)
+        found = target.index.closest(source.vertices, progress)
         normals = interpolated_normals(target.index.surface, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", source.vertex_normals, normals) > FACING
         kept &= ~at_border(target.index.surface, found.face, found.barycentric)
@@ -64,7 +64,7 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
         centres.append(source.vertices[kept])
         vectors.append((found.point - source.vertices)[kept])
     if partial != "source":
-        found = SurfaceIndex(source).closest(target.nodes, progress, rough=True)
+        found = SurfaceIndex(source).closest(target.nodes, progress)
         normals = interpolated_normals(source, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", target.normals, normals) > FACING
         kept &= ~at_border(source, found.face, found.barycentric)

@@ -72,20 +72,15 @@ class SurfaceIndex:
             tree = cKDTree(surface.vertices[members], balanced_tree=False)
             self._classes.append((tree, members, float(self._slack[members].max())))
 
-    def closest(self, points: ArrayLike, progress: Progress = silent, *, rough: bool = False) -> Closest:
-        """Return the exact closest points to points (p, 3), all finite.
-
-        `rough` looks at the faces around the nearest vertices alone, for steps that are measured anew:
-        near a surface of even triangles it is wrong for a few points in a thousand, by a small part
-        of an edge.
-        """
+    def closest(self, points: ArrayLike, progress: Progress = silent) -> Closest:
+        """Return the exact closest points to points (p, 3), all finite."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         count = len(points)
         best = np.full(count, np.inf)
         face = np.zeros(count, dtype=np.int32)
         bary = np.zeros((count, 3))
         for tree, members, slack in self._classes:
-            self._search(points, tree, members, slack, (best, face, bary), progress, rough)
+            self._search(points, tree, members, slack, (best, face, bary), progress)
         corners = self.surface.vertices[self.surface.faces[face]]
         point = np.einsum("pk,pkc->pc", bary, corners)
         return Closest(np.linalg.norm(points - point, axis=1), point, face, bary)
@@ -98,11 +93,10 @@ class SurfaceIndex:
         slack: float,
         found: tuple[Float, Int, Float],
         progress: Progress,
-        rough: bool,
     ) -> None:
         """Improve `found` (squared distance, face, barycentric) by the faces at one class of vertices."""
         open_points, seen = np.arange(len(points)), 0
-        k = min(1 if rough else FIRST_NEIGHBOURS, len(members))
+        k = min(FIRST_NEIGHBOURS, len(members))
 
         def look(block: Int) -> Int:
             return self._look(points, block, tree, members, slack, found, seen, k)
@@ -112,7 +106,7 @@ class SurfaceIndex:
             for rest in _threaded(look, parts):
                 progress(1.0 - len(open_points) / max(len(points), 1), "closest points")
                 still.append(rest)
-            if k == len(members) or rough:
+            if k == len(members):
                 return
             open_points, seen = np.concatenate(still), k
             k = min(4 * k, len(members))

@@ -204,7 +204,7 @@ def settle(
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
             positions = positions + share * SHAPE_STEP * matching.move(positions)
         if settings.projection > 0:
-            step = _to_target(aligned.moved(positions), target, lines, settings, number < rounds - 1)
+            step = _to_target(aligned.moved(positions), target, lines, settings)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
@@ -238,11 +238,9 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     return share[:, None] * step
 
 
-def _to_target(
-    moved: Surface, target: SurfaceIndex, lines: FeatureLines, settings: MorphSettings, rough: bool
-) -> Float:
+def _to_target(moved: Surface, target: SurfaceIndex, lines: FeatureLines, settings: MorphSettings) -> Float:
     """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours."""
-    found = target.closest(moved.vertices, rough=rough)
+    found = target.closest(moved.vertices)
     normals = interpolated_normals(target.surface, found.face, found.barycentric)
     kept = np.einsum("ij,ij->i", moved.vertex_normals, normals) > FACING
     if settings.partial != "none":
