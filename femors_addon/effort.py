@@ -61,7 +61,8 @@ class Effort:
     ) -> None:
         self.pair, self._settings, self._stride = pair, settings, stride
         self.target = pair.gap + margin
-        self.size = min(pair.one.surface.mean_edge, pair.two.surface.mean_edge)
+        # of the finer body that moves: what a field does between the nodes of a coarse one is lost
+        self.size = min(s.edge for s, w in zip((pair.one, pair.two), pair.weights, strict=True) if w > 0)
         self.aim = self.target + AIM * (pair.gap or 1e-3 * self.size)
         self.phase, self.spread, self.widest = SHAPING, 0.0, 0.0
         self.worst, self.missing, self.pierced = 0.0, 0.0, 0
