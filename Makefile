@@ -6,11 +6,12 @@ VENV := .venv
 STAMP := $(VENV)/.made-by-make
 DATA := $(or $(FEMORS_DATA),../shared/data)
 BLENDER_DIR := $(or $(FEMORS_BLENDER_DIR),$(HOME)/.cache/femors/blender)
+BENCH_VENV := $(HOME)/.cache/femors/bench-venv
 FETCH := ../shared/tools/get-blender.sh
 
 DOCS_VENV := $(HOME)/.cache/femors/docs-$(shell cksum < requirements/docs.txt | cut -d' ' -f1)
 
-.PHONY: help setup demo docs test test-package lint lock package format bench blender clean distclean
+.PHONY: help setup demo docs test test-package lint lock package format bench bench-quick blender clean distclean
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
@@ -62,6 +63,12 @@ bench: setup ## figures on real bones, which need ../shared/data
 	@[ -d "$(DATA)" ] || { echo "make bench: there is no folder $(DATA) with the bones (FEMORS_DATA=... names another)"; exit 1; }
 	@$(VENV)/bin/python tests/bench/bench_morph.py
 	@$(VENV)/bin/python tests/bench/bench_overclosure.py
+	@[ -x "$(BENCH_VENV)/bin/python" ] || { python3 -m venv "$(BENCH_VENV)" && "$(BENCH_VENV)/bin/pip" install -q -r requirements/bench.txt; }
+	@$(VENV)/bin/python tests/bench/bench_peers.py --python "$(BENCH_VENV)/bin/python"
+
+bench-quick: setup ## the morph beside Blender's Shrinkwrap, growth and operation counts, within two minutes
+	@$(VENV)/bin/python tests/bench/counting.py
+	@$(VENV)/bin/python tests/bench/bench_peers.py --quick
 
 blender: ## fetch real Blender binaries (Debian's trixie and sid) for the tests
 	@[ -x "$(FETCH)" ] || { echo "make blender: there is no $(FETCH); install Blender yourself and set BLENDER=/path/to/blender"; exit 1; }

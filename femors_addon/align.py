@@ -24,6 +24,7 @@ from .reduce import reduced
 SAMPLE = 1500  # nodes that ICP works with
 SCOUTS = 250  # nodes that starts are compared with
 REFINED_STARTS = 10  # starts that are tried by ICP after the first look
+ROUNDS = ((5, 6), (10, 3))  # steps of ICP for each start, and how many are kept
 PLACES = 12  # parts of the whole that a partial mesh is laid on
 POINT_SHARE = 0.05  # weight of the point-to-point distance beside the point-to-plane distance
 TRIM = 0.8  # share of the pairs kept where one mesh is partial
@@ -64,13 +65,17 @@ def homogeneous(linear: Float, translation: Float) -> Float:
 
 
 def inverse(matrix: Float) -> Float:
-    """Return the inverse of an affine (4, 4) matrix, by cross products.
+    """Return the inverse of an affine (4, 4) matrix, by cofactors.
 
     Closed form, for LAPACK's threads cost more than the work on a busy machine.
     """
-    a, b, c = matrix[:3, :3].T
-    linear = np.array([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-    linear /= a @ linear[0]
+    (a, b, c), (d, e, f), (g, h, i) = matrix[:3, :3].tolist()
+    cofactors = [
+        [e * i - f * h, c * h - b * i, b * f - c * e],
+        [f * g - d * i, a * i - c * g, c * d - a * f],
+        [d * h - e * g, b * g - a * h, a * e - b * d],
+    ]
+    linear = np.array(cofactors) / (a * cofactors[0][0] + b * cofactors[1][0] + c * cofactors[2][0])
     return homogeneous(linear, -linear @ matrix[:3, 3])
 
 
@@ -120,8 +125,9 @@ class _Side:
     sample_normals: Float
 
     @classmethod
-    def of(cls, surface: Surface, count: int) -> _Side:
-        sample = reduced(surface, count)
+    def of(cls, surface: Surface, sample: Surface | None) -> _Side:
+        if sample is None:
+            sample = reduced(surface, SAMPLE)
         return cls(
             surface.vertices,
             surface.vertex_normals,
@@ -178,6 +184,23 @@ def _pairs(matrix: Float, source: _Side, target: _Side, partial: str) -> _Pairs:
         far.append(_penalised(distance, facing, partial))
     misfit = math.sqrt(float(np.mean(np.concatenate(far))))
     return _Pairs(np.concatenate(x), np.concatenate(y), np.concatenate(n), misfit)
+
+
+def _looks(starts: Float, source: _Side, target: _Side) -> Float:
+    """Misfit (s,) of many transforms (s, 4, 4) at once, from every second sample: see `_pairs`."""
+    square = []
+    back = np.array([inverse(start) for start in starts])
+    for matrices, one, two in ((starts, source, target), (back, target, source)):
+        linear, shift = matrices[:, :3, :3], matrices[:, None, :3, 3]
+        moved = one.sample[::2] @ linear.transpose(0, 2, 1) + shift
+        distance, hit = two.tree.query(moved)
+        # normals go by the inverse transpose: to have them the other way round is the same sign
+        turned = two.normals[hit] @ linear
+        facing = np.einsum("spi,pi->sp", turned, one.sample_normals[::2]) > 0
+        scale = 1.0 if one is source else np.cbrt(np.abs(np.linalg.det(starts[:, :3, :3])))[:, None]
+        square.append((scale * distance) ** 2 * np.where(facing, 1.0, 4.0))
+    misfit: Float = np.sqrt(np.concatenate(square, axis=1).mean(axis=1))
+    return misfit
 
 
 def _trimmed(distance: Float, facing: np.ndarray, partial: str) -> np.ndarray:
@@ -341,7 +364,10 @@ def _best_start(
     """Compare the starts by one look, the best of them by ICP; return (transform, misfit)."""
     starts, places = _starts(source, target, own, kind != "rigid", partial, mirror)
     scouts, aims = source.thinned(SCOUTS), target.thinned(SCOUTS)
-    first = np.array([_pairs(start, scouts, aims, partial).misfit for start in starts])
+    if partial == "none":
+        first = _looks(np.array(starts), scouts, aims)
+    else:
+        first = np.array([_pairs(start, scouts, aims, partial).misfit for start in starts])
     if partial == "none":  # the user's pose and the four flips always get their chance
         always = list(range(min(5, len(starts))))
     else:  # and the best turn at each place
@@ -349,7 +375,11 @@ def _best_start(
             1 + place + places * int(np.argmin(first[1 + place :: places])) for place in range(places)
         ]
     chosen = dict.fromkeys(always + [int(i) for i in np.argsort(first, kind="stable")[:REFINED_STARTS]])
-    tried = [icp(starts[i], scouts, aims, "rigid", partial, 25, tolerance * 10) for i in chosen]
+    tried = [(starts[i], 0.0) for i in chosen]
+    # a few steps tell the hopeless ones, where both are whole
+    for iterations, kept in ROUNDS if partial == "none" else ((25, len(tried)),):
+        tried = [icp(start, scouts, aims, "rigid", partial, iterations, tolerance * 10) for start, _ in tried]
+        tried = sorted(tried, key=lambda found: found[1])[:kept]
     ranked = sorted(range(len(tried)), key=lambda i: tried[i][1])[:3]
     if partial != "none":  # where parts look alike only the details tell
         final = [icp(tried[i][0], source, target, "rigid", partial, 25, tolerance * 10) for i in ranked]
@@ -383,6 +413,7 @@ def align(
     fix_units: bool = False,
     fix_mirror: bool = False,
     landmarks: tuple[Float, Float] | None = None,
+    samples: tuple[Surface, Surface] | None = None,
     progress: Progress = silent,
 ) -> Alignment:
     """Lay the source onto the target.
@@ -399,6 +430,8 @@ def align(
         Apply a unit factor or a mirror image where one is found; otherwise only say so.
     landmarks : ((k, 3), (k, 3)), optional
         Paired landmarks on source and target: the start, instead of trying poses.
+    samples : (Surface, Surface), optional
+        Reduced versions of the two, to search with, where they are there already.
     """
     warnings: list[str] = []
     start = np.eye(4)
@@ -412,13 +445,13 @@ def align(
             warnings.append(words + "; tick Convert units to apply it (it was not scaled)")
             kind = "none" if kind == "none" else "rigid"
     if kind == "none":
-        return Alignment(start, _misfit(start, source, target, partial), tuple(warnings))
+        ours, theirs = _sides(source, target, start, samples)
+        return Alignment(start, _pairs(np.eye(4), ours, theirs, partial).misfit, tuple(warnings))
     progress(0.0, "alignment: samples")
     # in its own principal frame the source is reduced alike from whatever pose it comes
     canonical = canonical_frame(transformed(start, source.vertices))
     start = canonical @ start
-    scaled = source.moved(transformed(start, source.vertices))
-    ours, theirs = _Side.of(scaled, SAMPLE), _Side.of(target, SAMPLE)
+    ours, theirs = _sides(source, target, start, samples)
     tolerance = 1e-5 * target.diagonal
     if landmarks is not None:
         points = transformed(start, landmarks[0])
@@ -463,5 +496,11 @@ def _choose_hand(
     return first, [words + "; tick Mirror if better to use it"]
 
 
-def _misfit(matrix: Float, source: Surface, target: Surface, partial: str) -> float:
-    return _pairs(matrix, _Side.of(source, SAMPLE), _Side.of(target, SAMPLE), partial).misfit
+def _sides(
+    source: Surface, target: Surface, start: Float, samples: tuple[Surface, Surface] | None
+) -> tuple[_Side, _Side]:
+    """The two as ICP needs them, the source moved by `start`."""
+    one, two = samples or (None, None)
+    moved = source.moved(transformed(start, source.vertices))
+    sample = None if one is None else one.moved(transformed(start, one.vertices))
+    return _Side.of(moved, sample), _Side.of(target, two)

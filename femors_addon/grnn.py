@@ -26,8 +26,8 @@ from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy import ndimage
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage, sparse
 from scipy.spatial import cKDTree
 
 from .mesh import Float, Int, frozen
@@ -36,11 +36,14 @@ from .progress import FemorsError, Progress, silent
 LN2 = math.log(2.0)
 TOLERANCE = 1e-4
 CUT = 3.9
+ROUGH, ROUGH_CUT, ROUGH_GRID = 2e-3, 3.2, 2.2  # the same three, for steps that are measured anew
 REACHES = (1.3, 3.0, 6.0)  # spreads to the nearest centre: the classes of queries
 WIDEST = 3.0  # cut-off lengths that a cell may measure: single precision bears no more
 CELL_FILL = 6  # centres a cell, at least, on average
 GRID_PER_SIGMA = 3.2
 GRID_CELLS = 3_000_000
+TAPS_COST = 200  # of laying a centre on the grid or reading a query there, in kernel values of the blocks
+CACHED = 250_000  # kernel values of a meeting of cells at a time: 1 MB, for the processor's cache
 BLOCK = 4_000_000  # kernel values at a time: 16 MB in single, 32 MB in double precision
 
 
@@ -56,6 +59,8 @@ class DisplacementField:
         The displacement at each centre, in the unit of the coordinates.
     spread : float
         Distance at which a weight is one half; > 0, in the unit of the coordinates.
+    rough : bool
+        Whether `ROUGH` of the largest displacement is near enough, as for a step that is measured anew.
 
     Raises
     ------
@@ -66,6 +71,7 @@ class DisplacementField:
     centres: Float
     displacements: Float
     spread: float
+    rough: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centres", frozen(self.centres, np.float64, 3))
@@ -106,10 +112,11 @@ class DisplacementField:
         """Evaluate queries whose nearest centre is less than `limit` spreads away."""
         if limit == math.inf:
             return self._far(points, progress)
-        cells = Cells.of(self.centres, self.spread * math.hypot(limit, CUT))
+        cells = Cells.of(self.centres, self.spread * math.hypot(limit, ROUGH_CUT if self.rough else CUT))
         if limit == REACHES[0]:
-            grid = _Grid.fitting(self.centres, points, self.spread)
-            if grid is not None and grid.cost < len(points) * cells.typical:
+            grid = _Grid.fitting(self.centres, points, self.spread, self.rough)
+            taps = TAPS_COST * (len(points) + len(self.centres))
+            if grid is not None and grid.cost + taps < len(points) * cells.typical:
                 return grid.smooth(self, points, progress)
         return self._by_cells(cells, points, nearest, progress)
 
@@ -150,9 +157,10 @@ class DisplacementField:
             seen += len(rows)
             x = ((points[rows] - origin) * scale).astype(np.float32)
             c = ((self.centres[chosen] - origin) * scale).astype(np.float32)
-            exponent = (2.0 * x) @ c.T
-            exponent -= np.einsum("ij,ij->i", c, c)[None, :]
-            exponent += (shift[rows] - np.einsum("ij,ij->i", x, x))[:, None]
+            # 2 x c - c^2 + (shift - x^2) in one product
+            left = np.column_stack((2.0 * x, np.ones(len(x), np.float32), shift[rows] - _square(x)))
+            right = np.column_stack((c, -_square(c), np.ones(len(c), np.float32)))
+            exponent = left @ right.T
             np.exp(exponent, out=exponent)
             sums = exponent @ values[chosen]
             out[rows] = sums[:, :3] / sums[:, 3:]
@@ -216,33 +224,35 @@ class Cells:
     def typical(self) -> float:
         """Centres in the 27 cells around a centre, on average over a sample."""
         sample = self.keys[:: max(len(self.keys) // 256, 1)]
-        return float(np.mean([sum(stop - start for start, stop in self._ranges(key)) for key in sample]))
+        start, stop = self._bounds(sample)
+        return float((stop - start).sum(axis=1).mean())
 
-    def _ranges(self, key: int) -> list[tuple[int, int]]:
-        """Slices of `order` that hold the 27 cells around a cell."""
+    def _bounds(self, keys: Int) -> tuple[Int, Int]:
+        """Where the nine rows of three cells around cells (k,) start and stop in `order`, (k, 9) each."""
         plane, row = self.shape[1] * self.shape[2], self.shape[2]
-        base = np.array([key + i * plane + j * row for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        around = np.array([i * plane + j * row for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        base = np.asarray(keys)[:, None] + around
         start = np.searchsorted(self.keys, base - 1, side="left")
-        stop = np.searchsorted(self.keys, base + 1, side="right")
-        return [(int(a), int(b)) for a, b in zip(start, stop, strict=True) if b > a]
+        return start, np.searchsorted(self.keys, base + 1, side="right")
 
     def meetings(self, points: Float) -> Iterator[tuple[Float, Int, Int]]:
-        """Yield (origin, query rows, centre indices), at most `BLOCK` pairs at a time."""
+        """Yield (origin, query rows, centre indices), at most `CACHED` pairs at a time, or 16 queries."""
         cell = np.floor((points - self.low) / self.size).astype(np.int64) + 1
         inside = np.flatnonzero(((cell >= 0) & (cell < self.shape)).all(axis=1))
         cell = cell[inside]
         keys = (cell[:, 0] * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
         order = np.argsort(keys, kind="stable")
         unique, first = np.unique(keys[order], return_index=True)
-        for key, rows in zip(unique, np.split(inside[order], first[1:]), strict=True):
-            ranges = self._ranges(key)
+        starts, stops = self._bounds(unique)
+        for start, stop, rows in zip(starts, stops, np.split(inside[order], first[1:]), strict=True):
+            ranges = [self.order[a:b] for a, b in zip(start, stop, strict=True) if b > a]
             if not ranges:
                 continue
-            chosen = np.concatenate([self.order[start:stop] for start, stop in ranges])
+            chosen = np.concatenate(ranges)
             origin = points[rows[0]]
-            step = max(BLOCK // len(chosen), 1)
-            for start in range(0, len(rows), step):
-                yield origin, rows[start : start + step], chosen
+            step = max(CACHED // len(chosen), 16)
+            for at in range(0, len(rows), step):
+                yield origin, rows[at : at + step], chosen
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -253,13 +263,15 @@ class _Grid:
     step: float
     shape: tuple[int, int, int]
     sigma: float  # of the Gaussian, in cells
+    radius: int  # of the Gaussian's cut-off, in cells
 
     @classmethod
-    def fitting(cls, centres: Float, points: Float, spread: float) -> _Grid | None:
+    def fitting(cls, centres: Float, points: Float, spread: float, rough: bool = False) -> _Grid | None:
         """Return a grid over what queries and centres share, or None where it would be too large."""
         sigma = spread / math.sqrt(2.0 * LN2)
-        step = sigma / GRID_PER_SIGMA
-        reach = CUT * spread + 3 * step
+        step = sigma / (ROUGH_GRID if rough else GRID_PER_SIGMA)
+        cut = (ROUGH_CUT if rough else CUT) * spread
+        reach = cut + 3 * step
         # queries lie within reach of the centres, so that both fit with a margin for the splines
         low = np.maximum(centres.min(axis=0), points.min(axis=0) - reach)
         high = np.minimum(centres.max(axis=0), points.max(axis=0) + reach)
@@ -269,60 +281,63 @@ class _Grid:
         if float(np.prod(extent + 4)) > GRID_CELLS:
             return None
         nx, ny, nz = (int(n) + 4 for n in extent)
-        return cls(low, step, (nx, ny, nz), sigma / step)
+        return cls(low, step, (nx, ny, nz), sigma / step, math.ceil(cut / step))
 
     @property
     def cost(self) -> float:
         """Work in units of one kernel value of the block rule."""
-        taps = 3 * (2 * math.ceil(CUT * self.sigma * math.sqrt(2 * LN2)) + 1)
-        return 4 * math.prod(self.shape) * taps * 0.5 + 1e7
+        taps = 3 * (2 * self.radius + 1)
+        return 4 * math.prod(self.shape) * taps * 0.5
 
     def smooth(self, field: DisplacementField, points: Float, progress: Progress) -> Float:
         """Evaluate the field's smoothed sums at points (p, 3), all within reach of a centre."""
         cells = math.prod(self.shape)
-        grids = np.zeros((4, cells))
+        grids = np.zeros((cells, 4))
         values = np.column_stack((field.displacements, np.ones(len(field.centres))))
         for rows in _parts(len(field.centres)):
             progress(0.4 * rows.start / len(field.centres), "displacement field")
-            index, taps = self._taps(field.centres[rows])
-            for column in range(4):
-                laid = (taps * values[rows, column, None]).ravel()
-                grids[column] += np.bincount(index.ravel(), laid, minlength=cells)
+            grids += self._taps(field.centres[rows]).T @ values[rows]
         # a cubic B-spline has variance 1/3: taken off the kernel for spreading and for reading
         narrow = math.sqrt(self.sigma**2 - 2.0 / 3.0)
-        kernel = _gauss(narrow, math.ceil(CUT * self.sigma * math.sqrt(2 * LN2)))
+        kernel = _gauss(narrow, self.radius)
         for column in range(4):
             progress(0.4 + 0.1 * column, "displacement field")
-            grid = grids[column].reshape(self.shape)
+            grid = np.ascontiguousarray(grids[:, column]).reshape(self.shape)
             for axis in range(3):
                 grid = ndimage.correlate1d(grid, kernel, axis=axis, mode="constant")
-            grids[column] = grid.ravel()
+            grids[:, column] = grid.ravel()
         out = np.empty_like(points)
         for rows in _parts(len(points)):
             progress(0.8 + 0.2 * rows.start / len(points), "displacement field")
-            index, taps = self._taps(points[rows])
-            sums = np.column_stack([np.einsum("pk,pk->p", taps, grid[index]) for grid in grids])
+            sums = self._taps(points[rows]) @ grids
             out[rows] = sums[:, :3] / sums[:, 3:]
         return out
 
-    def _taps(self, points: Float) -> tuple[Int, Float]:
-        """Flat cell indices and B-spline weights (p, 64); weights of points off the grid are zero."""
+    def _taps(self, points: Float) -> sparse.csr_matrix:
+        """B-spline weights (p, cells), 64 of each point; those of points off the grid are zero."""
         at = (points - self.low) / self.step
-        base = np.floor(at).astype(np.int64)
+        base = np.floor(at).astype(np.int32)
         t = at - base
         inside = ((base >= 1) & (base + 2 < self.shape)).all(axis=1)
-        base = np.clip(base, 1, np.array(self.shape) - 3)
+        base = np.clip(base, 1, np.array(self.shape, dtype=np.int32) - 3)
         spline = np.stack(
             ((1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3), axis=1
         ) / (6.0)
-        offset = np.arange(-1, 3)
+        offset = np.arange(-1, 3, dtype=np.int32)
         x, y, z = (base[:, axis, None] + offset for axis in range(3))
         index = ((x[:, :, None] * self.shape[1] + y[:, None, :])[..., None] * self.shape[2]) + z[
             :, None, None, :
         ]
         weights = spline[:, :, None, None, 0] * spline[:, None, :, None, 1] * spline[:, None, None, :, 2]
         weights *= inside[:, None, None, None]
-        return index.reshape(len(points), 64), weights.reshape(len(points), 64)
+        start = np.arange(0, 64 * len(points) + 1, 64, dtype=np.int32)
+        taps = (weights.ravel(), index.ravel(), start)
+        return sparse.csr_matrix(taps, shape=(len(points), math.prod(self.shape)))
+
+
+def _square(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Squared length (k,) of each row, in the rows' precision."""
+    return np.asarray(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def _parts(count: int) -> list[slice]:

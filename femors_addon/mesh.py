@@ -16,6 +16,7 @@ from .progress import FemorsError
 Float = NDArray[np.float64]
 Int = NDArray[np.int32]
 
+TOPOLOGY = ("edges", "edge_faces", "border", "components", "adjacency", "vertex_faces", "corner_order")
 PROBES = 12  # vertices of a component that are looked at to tell whether it lies in another
 FLAT = 1e-10  # of its area to the power 1.5: a component of less volume has no inside
 
@@ -71,7 +72,7 @@ class Surface:
     def moved(self, vertices: ArrayLike) -> Surface:
         """Return the same faces at other vertex positions (n, 3); topology caches are shared."""
         other = Surface(np.asarray(vertices), self.faces)
-        for name in ("edges", "edge_faces", "border", "adjacency", "vertex_faces"):
+        for name in TOPOLOGY:
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
         return other
@@ -138,37 +139,56 @@ class Surface:
     @cached_property
     def edges(self) -> Int:
         """(e, 2) unique undirected edges, lower index first, in lexicographic order."""
-        pairs = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        keys = np.unique(pairs[:, 0].astype(np.int64) * len(self.vertices) + pairs[:, 1])
-        return np.column_stack(np.divmod(keys, max(len(self.vertices), 1))).astype(np.int32)
+        return self._sides()[0]
 
     @cached_property
     def edge_faces(self) -> tuple[Int, Int]:
         """((k, 2) face pairs, (k, 2) vertex pairs) of the edges shared by exactly two faces."""
-        half = self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        pairs = np.sort(half, axis=1).astype(np.int64)
-        keys = pairs[:, 0] * len(self.vertices) + pairs[:, 1]
-        order = np.argsort(keys, kind="stable")
-        _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
-        first = first[count == 2]
-        one, two = order[first], order[first + 1]
-        return np.column_stack((one // 3, two // 3)).astype(np.int32), pairs[one].astype(np.int32)
+        return self._sides()[1]
 
     @cached_property
     def border(self) -> NDArray[np.bool_]:
         """(n,) true for the vertices on an open border (an edge with one face only)."""
-        pairs = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
-        keys, count = np.unique(pairs[:, 0] * len(self.vertices) + pairs[:, 1], return_counts=True)
-        out = np.zeros(len(self.vertices), dtype=bool)
-        single = keys[count == 1]
-        out[single // max(len(self.vertices), 1)] = True
-        out[single % max(len(self.vertices), 1)] = True
-        return out
+        return self._sides()[2]
+
+    def _sides(self) -> tuple[Int, tuple[Int, Int], NDArray[np.bool_]]:
+        """Sort the faces' sides once, and keep all that it tells: edges, edge_faces, border."""
+        n = max(len(self.vertices), 1)
+        one, two = self.faces.ravel(), self.faces[:, [1, 2, 0]].ravel()
+        keys = np.minimum(one, two).astype(np.int64) * n + np.maximum(one, two)
+        order = np.argsort(keys, kind="stable")
+        keys = keys[order]
+        first = np.flatnonzero(np.concatenate((np.ones(min(len(keys), 1), bool), keys[1:] != keys[:-1])))
+        count = np.diff(first, append=len(keys))
+        edges = np.column_stack(np.divmod(keys[first], n)).astype(np.int32)
+        shared = count == 2
+        left, right = order[first[shared]], order[first[shared] + 1]
+        pairs = np.column_stack((left // 3, right // 3)).astype(np.int32)
+        border = np.zeros(len(self.vertices), dtype=bool)
+        border[edges[count == 1].ravel()] = True
+        found = edges, (pairs, edges[shared]), border
+        for name, value in zip(("edges", "edge_faces", "border"), found, strict=True):
+            self.__dict__.setdefault(name, value)
+        return found
+
+    @cached_property
+    def components(self) -> Int:
+        """(m,) the component of each face: faces hang together by edges with two faces."""
+        graph = edge_matrix(self.edge_faces[0], len(self.faces))
+        return csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
 
     @cached_property
     def adjacency(self) -> sparse.csr_matrix:
         """(n, n) symmetric 0/1 matrix of the edges."""
         return edge_matrix(self.edges, len(self.vertices))
+
+    @cached_property
+    def corner_order(self) -> tuple[Int, Int]:
+        """((3 m,) faces in the order of their vertices, (n + 1,) where each vertex's faces begin)."""
+        corner = self.faces.ravel()
+        order = (np.argsort(corner, kind="stable") // 3).astype(np.int32)
+        count = np.bincount(corner, minlength=len(self.vertices))
+        return order, np.concatenate(([0], np.cumsum(count)))
 
     @cached_property
     def vertex_faces(self) -> sparse.csr_matrix:
@@ -378,8 +398,7 @@ def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
         return ((half[face, :, 0] == edge[:, :1]) & (half[face, :, 1] == edge[:, 1:])).any(axis=1)
 
     disagree = forward(faces[:, 0]) == forward(faces[:, 1])
-    graph = edge_matrix(faces, m)
-    _, component = csgraph.connected_components(graph, directed=False)
+    component = surface.components
     flip = np.zeros(m, dtype=bool)
     if disagree.any():
         # one node more, joined to a face of each component: a single walk comes to them all
@@ -398,7 +417,7 @@ def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
         for face, parent, odd in zip(order, before[order], step, strict=True):
             turned[face] = turned[parent] != odd
         flip = turned[:m]
-    return flip, component.astype(np.int32)
+    return flip, component
 
 
 def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:

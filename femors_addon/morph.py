@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import settings as declared
-from .align import Alignment, align, canonical_frame, inverse, transformed
+from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
 from .limits import require_memory
@@ -181,6 +181,15 @@ class _Work:
     ) -> _Work:
         target = theirs.surface
         landmarks = None if pairs is None else (pairs.source[pairs.good], pairs.target[pairs.good])
+        progress(0.0, "reduced meshes")
+        counts = [node_counts(settings, len(mesh.vertices)) for mesh in (ours.surface, target)]
+        if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
+            counts[1] = counts[0]
+        # reduced in its own frame: from whatever pose it came, the same edges collapse
+        own = canonical_frame(ours.surface.vertices)
+        upright, back = ours.surface.moved(transformed(own, ours.surface.vertices)), inverse(own)
+        levels = [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts[0])]
+        targets = [*pyramid(target, counts[1]), target]
         alignment = align(
             ours.surface,
             target,
@@ -189,28 +198,26 @@ class _Work:
             fix_units=settings.fix_units,
             fix_mirror=settings.fix_mirror,
             landmarks=landmarks,
-            progress=part(progress, 0.0, 0.2),
+            samples=_samples(levels, targets),
+            progress=part(progress, 0.05, 0.25),
         )
         if pairs is not None and settings.alignment != "none":
             pairs = pairs.after(alignment.matrix, target.diagonal)
-        moved = transformed(alignment.matrix, ours.surface.vertices)
-        rest, aligned, onto = ours.surface, ours.surface.moved(moved), alignment.matrix
-        if np.linalg.det(onto[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
-            rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], rest.faces[:, ::-1])
-            aligned, onto = Surface(moved, rest.faces), onto @ np.diag([-1.0, 1.0, 1.0, 1.0])
-        progress(0.2, "reduced meshes")
-        counts = [node_counts(settings, len(mesh.vertices)) for mesh in (aligned, target)]
-        if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
-            counts[1] = counts[0]
-        # reduced in its own frame: from whatever pose it came, the same edges collapse
-        own = canonical_frame(rest.vertices)
-        upright, onto = rest.moved(transformed(own, rest.vertices)), onto @ inverse(own)
-        levels = pyramid(upright, counts[0])
-        sources = [*(level.moved(transformed(onto, level.vertices)) for level in levels), aligned]
-        targets = [*pyramid(target, counts[1]), target]
+        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, ours.surface)]
+        rest = ours.surface
+        if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
+            moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
+            rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
         weight = settings.landmark_weight if settings.steer else 0.0
         index, size = SurfaceIndex(target), target.diagonal
-        return cls(alignment, rest, aligned, index, sources, targets, size, pairs, weight)
+        return cls(alignment, rest, moved[-1], index, moved, targets, size, pairs, weight)
+
+
+def _samples(levels: list[Surface], targets: list[Surface]) -> tuple[Surface, Surface] | None:
+    """The coarsest levels of both, where they are as fine as the alignment wants them."""
+    if not levels or not all(0.9 < len(mesh.vertices) / SAMPLE < 1.5 for mesh in (levels[0], targets[0])):
+        return None
+    return levels[0], targets[0]
 
 
 def _paired(
@@ -295,7 +302,8 @@ def _run(
         if not len(vectors.centres):
             break
         asked = vectors.displacements if published else shortened(vectors.displacements, iteration.spread)
-        field = DisplacementField(vectors.centres, asked, iteration.spread)
+        # the next iteration measures anew what a rough field leaves
+        field = DisplacementField(vectors.centres, asked, iteration.spread, rough=not published)
         given = widening(field, moved.vertices) if settings.partial == "target" else field(moved.vertices)
         step = stage.step_scale * given
         after = slide(moved, displacement + step, mean, settings.sliding)

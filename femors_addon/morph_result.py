@@ -234,11 +234,17 @@ def result_of(
     clean_distance = index.closest(morphed.vertices).distance
     distance[used] = clean_distance[ours.vertex_map[used]]
     distance[~used] = index.closest(vertices[~used]).distance
-    after = compare(
-        ours.surface, _wound_as(ours, morphed), theirs.surface, target_index=index, to_target=clean_distance
-    )
-    progress(0.6, "measuring")
     before = compare(ours.surface, _wound_as(ours, aligned), theirs.surface, target_index=index)
+    progress(0.6, "measuring")
+    after = compare(
+        ours.surface,
+        _wound_as(ours, morphed),
+        theirs.surface,
+        target_index=index,
+        to_target=clean_distance,
+        # nothing bad is left in a source without crossings: that has been looked at
+        self_intersecting=0 if not bad and not before.self_intersecting else None,
+    )
     size = theirs.surface.diagonal
     edge = max(aligned.mean_edge, theirs.surface.mean_edge)
     converged, reason = _verdict(after, settings, size, edge, weighted)

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +18,7 @@ from .progress import Progress, silent
 from .triangles import Triangles, dot
 
 FIRST_NEIGHBOURS = 5  # vertices
-BLOCK_PAIRS = 250_000  # point-triangle pairs at a time: about 50 MB of temporaries
+BLOCK_PAIRS = 64_000  # point-triangle pairs at a time: what they need stays in the processor's cache
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,10 +58,8 @@ class SurfaceIndex:
         self._triangles = Triangles.of(surface.corners)
         sides = (surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3))
         squared = np.max([dot(side, side) for side in sides], axis=0)
-        order = np.argsort(surface.faces.ravel(), kind="stable")
-        self._faces_at = (order // 3).astype(np.int32)  # faces, vertex by vertex
-        count = np.bincount(surface.faces.ravel(), minlength=len(surface.vertices))
-        self._first = np.concatenate(([0], np.cumsum(count)))
+        self._faces_at, self._first = surface.corner_order
+        count = np.diff(self._first)
         longest = np.zeros(len(surface.vertices))
         np.maximum.at(longest, surface.faces.ravel(), np.repeat(np.sqrt(squared), 3))
         self._slack = longest**2 / 3.0
@@ -95,55 +95,82 @@ class SurfaceIndex:
         progress: Progress,
     ) -> None:
         """Improve `found` (squared distance, face, barycentric) by the faces at one class of vertices."""
-        best = found[0]
         open_points, seen = np.arange(len(points)), 0
         k = min(FIRST_NEIGHBOURS, len(members))
+
+        def look(block: Int) -> Int:
+            return self._look(points, block, tree, members, slack, found, seen, k)
+
         while len(open_points):
-            still = []
-            for block in blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)):
+            parts, still = blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)), []
+            for rest in _threaded(look, parts):
                 progress(1.0 - len(open_points) / max(len(points), 1), "closest points")
-                far, order = tree.query(points[block], k=k, workers=Limits.threads)
-                far, order = far.reshape(len(block), k) ** 2, order.reshape(len(block), k)
-                for columns in (slice(seen, seen + 1), slice(seen + 1, k)):
-                    # the nearest vertex bounds what the others must beat
-                    vertex = members[order[:, columns]]
-                    close = far[:, columns] <= best[block][:, None] + self._slack[vertex]
-                    pick = np.nonzero(close)[0]
-                    vertex = vertex[close]
-                    # the faces at the nearest vertex come first, and not again with its neighbours
-                    tried = members[order[pick, 0]] if columns.start else None
-                    self._improve(points, block[pick], vertex, tried, found)
-                still.append(block[far[:, -1] <= best[block] + slack])
+                still.append(rest)
             if k == len(members):
                 return
             open_points, seen = np.concatenate(still), k
             k = min(4 * k, len(members))
+
+    def _look(
+        self,
+        points: Float,
+        block: Int,
+        tree: cKDTree,
+        members: Int,
+        slack: float,
+        found: tuple[Float, Int, Float],
+        seen: int,
+        k: int,
+    ) -> Int:
+        """Try the faces at the k nearest vertices for a block of points; return those still not certain."""
+        best = found[0]
+        far, order = tree.query(points[block], k=k)
+        far, order = far.reshape(len(block), k) ** 2, order.reshape(len(block), k)
+        # the nearest vertex bounds what the others must beat
+        if not seen:
+            first = members[order[:, 0]]
+            close = far[:, 0] <= best[block] + self._slack[first]
+            self._improve(points, block[close], first[close], None, found)
+        if k > 1:
+            start = max(seen, 1)
+            vertex = members[order[:, start:]]
+            close = far[:, start:] <= best[block][:, None] + self._slack[vertex]
+            pick = np.nonzero(close)[0]
+            # the faces at the nearest vertex have been tried
+            self._improve(points, block[pick], vertex[close], members[order[pick, 0]], found)
+        rest: Int = block[far[:, -1] <= best[block] + slack]
+        return rest
 
     def _improve(
         self, points: Float, row: Int, vertex: Int, tried: Int | None, found: tuple[Float, Int, Float]
     ) -> None:
         """Try the faces at vertex[i], but for those at tried[i], for point row[i]; rows ascend."""
         best, face, bary = found
+        if not len(row):
+            return
         count = self._first[vertex + 1] - self._first[vertex]
-        part = np.cumsum(count) // (2 * BLOCK_PAIRS)
-        if len(part) and part[-1] > part[0]:  # a hub of very many faces
+        total = np.cumsum(count)
+        part = total // (4 * BLOCK_PAIRS)
+        if part[-1] > part[0]:  # a hub of very many faces
             for one in np.split(np.arange(len(row)), np.flatnonzero(np.diff(part)) + 1):
                 self._improve(points, row[one], vertex[one], None if tried is None else tried[one], found)
             return
-        offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        ids = self._faces_at[np.repeat(self._first[vertex], count) + offset]
+        offset = np.arange(total[-1]) + np.repeat(self._first[vertex] - total + count, count)
+        ids = self._faces_at[offset]
         row = np.repeat(row, count)
+        p = points.take(row, axis=0)
         if tried is not None:
-            fresh = (self.surface.faces[ids] != np.repeat(tried, count)[:, None]).all(axis=1)
-            row, ids = row[fresh], ids[fresh]
-        if not len(row):
-            return
-        distance, v, w = self._triangles.closest(points[row], ids)
+            corner, tried = self.surface.faces.take(ids, axis=0), np.repeat(tried, count)
+            fresh = (corner[:, 0] != tried) & (corner[:, 1] != tried) & (corner[:, 2] != tried)
+            fresh &= self._triangles.within(p, ids, np.sqrt(best[row]))
+            row, ids, p = row[fresh], ids[fresh], p[fresh]
+            if not len(row):
+                return
+        distance, v, w = self._triangles.closest(p, ids)
         start = np.flatnonzero(np.concatenate(([True], row[1:] != row[:-1])))
         lowest = np.minimum.reduceat(distance, start)
-        group = np.cumsum(np.concatenate(([0], row[1:] != row[:-1])))
-        hit = np.flatnonzero(distance == lowest[group])
-        winner = hit[np.unique(group[hit], return_index=True)[1]]
+        hit = np.flatnonzero(distance == np.repeat(lowest, np.diff(start, append=len(row))))
+        winner = hit[np.concatenate(([True], row[hit[1:]] != row[hit[:-1]]))]  # the first of equals
         winner = winner[distance[winner] < best[row[winner]]]
         rows, v, w = row[winner], v[winner], w[winner]
         best[rows], face[rows] = distance[winner], ids[winner]
@@ -200,6 +227,18 @@ class SurfaceIndex:
             for axis in range(3):
                 total[:, axis] += np.bincount(surface.faces[:, i], weighted[:, axis], minlength=len(total))
         return unit(total)
+
+
+def _threaded(work: Callable[[Int], Int], parts: list[Int]) -> Iterator[Int]:
+    """Yield what the work returns for each part, in order; parts touch no row of each other's."""
+    if Limits.threads < 2 or len(parts) < 2:
+        yield from map(work, parts)
+        return
+    pool = ThreadPoolExecutor(Limits.threads)
+    try:
+        yield from pool.map(work, parts)
+    finally:  # also where progress has cancelled
+        pool.shutdown(cancel_futures=True)
 
 
 def blocks(indices: Int, size: int) -> list[Int]:

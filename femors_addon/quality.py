@@ -11,12 +11,11 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from .intersect import Piercings, crossings, piercings, self_intersections
 from .limits import Limits
-from .mesh import Float, Int, Surface, edge_matrix, unit
+from .mesh import Float, Int, Surface, unit
 from .nearest import SurfaceIndex
 
 __all__ = [
@@ -162,8 +161,8 @@ def _opposed(surface: Surface) -> np.ndarray:
 def _inverted(before: Surface, after: Surface) -> np.ndarray:
     """True (m,) for the faces of closed components whose volume has changed its sign, unless all have."""
     count = len(before.faces)
-    pairs, _ = before.edge_faces
-    parts, part = csgraph.connected_components(edge_matrix(pairs, count), directed=False)
+    pairs, part = before.edge_faces[0], before.components
+    parts = int(part.max(initial=-1)) + 1
     shared = np.bincount(pairs.ravel(), minlength=count)
     closed = np.bincount(part, shared != 3, minlength=parts) == 0
     change = np.sign(_volumes(before, part, parts)) * np.sign(_volumes(after, part, parts))
@@ -251,11 +250,13 @@ def compare(
     *,
     target_index: SurfaceIndex | None = None,
     to_target: Float | None = None,
+    self_intersecting: int | None = None,
 ) -> Comparison:
     """Measure `morphed` (the faces of `source` at new positions) against `target`.
 
     All three cleaned: merged and wound consistently. `target_index` is the search structure of
-    `target`, and `to_target` (n,) the morphed vertices' distances to it, where they are there already.
+    `target`, `to_target` (n,) the morphed vertices' distances to it and `self_intersecting` the number of
+    morphed faces that cross others, where they are known already.
     """
     points, aims = _used(morphed), _used(target)
     there = back = np.zeros(0)
@@ -263,6 +264,8 @@ def compare(
         index = target_index or SurfaceIndex(target)
         there = index.closest(points).distance if to_target is None else to_target
         back = SurfaceIndex(morphed).closest(aims).distance
+    if self_intersecting is None:
+        self_intersecting = len(np.unique(self_intersections(morphed)))
     return Comparison(
         surface_to_target=Stat.of(there),
         target_to_surface=Stat.of(back),
@@ -272,5 +275,5 @@ def compare(
         dihedral=Stat.of(dihedral_angles(morphed)),
         movement=Stat.of(np.linalg.norm(morphed.vertices - source.vertices, axis=1)),
         flipped=len(flipped_faces(source, morphed)),
-        self_intersecting=len(np.unique(self_intersections(morphed))),
+        self_intersecting=self_intersecting,
     )

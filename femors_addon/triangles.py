@@ -15,26 +15,47 @@ NEAR = 1e-8  # of |p - a|^2: squared distances below have been rounded away, and
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Triangles:
-    """What the distance to each face needs, worked out once: corner a, edges ab and ac, their products."""
+    """What the distance to each face needs, worked out once.
 
-    a: Float
-    ab: Float
-    ac: Float
-    ab2: Float
-    ac2: Float
-    abac: Float
+    Attributes
+    ----------
+    table : (m, 12) float64
+        Corner a, edges ab and ac, their products ab ab, ac ac and ab ac: a face's numbers stand together
+        in memory, and are laid out number by number only for the faces that are asked for.
+    balls : (m, 4) float64
+        Centroid and distance of the farthest corner from it.
+    thin_rank : (m,) int32
+        Rank among the thin faces, -1 for the others.
+    """
+
+    table: Float
+    balls: Float
     thin: _Thin
-    thin_rank: Int  # (m,) rank among the thin faces, -1 for the others
+    thin_rank: Int
 
     @classmethod
     def of(cls, corners: Float) -> Triangles:
         """Prepare faces (m, 3, 3)."""
-        a, ab, ac = corners[:, 0].copy(), corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         ab2, ac2, abac = dot(ab, ab), dot(ac, ac), dot(ab, ac)
         thin = np.flatnonzero(~(ab2 * ac2 - abac * abac > THIN * ab2 * ac2))
         rank = np.full(len(corners), -1, dtype=np.int32)
         rank[thin] = np.arange(len(thin), dtype=np.int32)
-        return cls(a, ab, ac, ab2, ac2, abac, _Thin.of(corners[thin]), rank)
+        table = np.column_stack((a, ab, ac, ab2, ac2, abac))
+        middle = (ab + ac) / 3.0
+        radius = np.max(
+            [dot(middle, middle), dot(ab - middle, ab - middle), dot(ac - middle, ac - middle)], axis=0
+        )
+        return cls(table, np.column_stack((a + middle, np.sqrt(radius))), _Thin.of(corners[thin]), rank)
+
+    def within(self, p: Float, ids: Int, distance: Float) -> np.ndarray:
+        """True (k,) where a face may be as close to p (k, 3) as the distance (k,): its ball is."""
+        x, y, z, radius = _columns(self.balls, ids)
+        x -= p[:, 0]
+        y -= p[:, 1]
+        z -= p[:, 2]
+        radius += distance
+        return x * x + y * y + z * z <= radius * radius * (1.0 + 1e-9)
 
     def closest(self, p: Float, ids: Int) -> tuple[Float, Float, Float]:
         """Squared distance and weights (v of corner b, w of corner c) for pairs of point and face.
@@ -42,33 +63,45 @@ class Triangles:
         The foot of the perpendicular where it lies inside, else the best of the three edges; all in
         dot products, so that a pair costs no more than three vectors.
         """
-        a, ab, ac = self.a[ids], self.ab[ids], self.ac[ids]
-        ap = p - a
-        d1, d2, ap2 = dot(ab, ap), dot(ac, ap), dot(ap, ap)
-        ab2, ac2, abac = self.ab2[ids], self.ac2[ids], self.abac[ids]
+        ax, ay, az, abx, aby, abz, acx, acy, acz, ab2, ac2, abac = _columns(self.table, ids)
+        apx, apy, apz = p[:, 0] - ax, p[:, 1] - ay, p[:, 2] - az
+        d1 = abx * apx + aby * apy + abz * apz
+        d2 = acx * apx + acy * apy + acz * apz
+        ap2 = apx * apx + apy * apy + apz * apz
         det = ab2 * ac2 - abac * abac
         vn, wn = ac2 * d1 - abac * d2, ab2 * d2 - abac * d1
         inner = (vn > 0) & (wn > 0) & (vn + wn < det)
-        safe = np.where(inner, det, 1.0)
-        v, w = vn / safe, wn / safe
-        distance = ap2 - v * d1 - w * d2
-        rows = np.flatnonzero(~inner)
-        if len(rows):
-            distance[rows], v[rows], w[rows] = _edges(
-                d1[rows], d2[rows], ap2[rows], ab2[rows], ac2[rows], abac[rows]
-            )
+        distance, v, w = _edges(d1, d2, ap2, ab2, ac2, abac)
+        rows = np.flatnonzero(inner)
+        v[rows], w[rows] = vn[rows] / det[rows], wn[rows] / det[rows]
+        distance[rows] = ap2[rows] - v[rows] * d1[rows] - w[rows] * d2[rows]
         rows = np.flatnonzero(distance < NEAR * ap2)
         if len(rows):
-            gap = ap[rows] - v[rows, None] * ab[rows] - w[rows, None] * ac[rows]
-            distance[rows] = dot(gap, gap)
-            rows = rows[~inner[rows]]
-            corners = np.stack((np.zeros_like(ab[rows]), ab[rows], ac[rows]), axis=1)
-            distance[rows], weights = _on_edges(ap[rows], corners)
-            v[rows], w[rows] = weights[:, 1], weights[:, 2]
+            self._anew(p, ids, rows, inner, (distance, v, w))
         if len(self.thin.corners):
             rows = np.flatnonzero(self.thin_rank[ids] >= 0)
             distance[rows], v[rows], w[rows] = self.thin.closest(p[rows], self.thin_rank[ids[rows]])
         return distance, v, w
+
+    def _anew(
+        self, p: Float, ids: Int, rows: Int, inner: np.ndarray, found: tuple[Float, Float, Float]
+    ) -> None:
+        """Work out the small distances of some pairs from vectors, where products have lost their digits."""
+        distance, v, w = found
+        table = self.table[ids[rows]]
+        ap, ab, ac = p[rows] - table[:, :3], table[:, 3:6], table[:, 6:9]
+        gap = ap - v[rows, None] * ab - w[rows, None] * ac
+        distance[rows] = dot(gap, gap)
+        edge = ~inner[rows]
+        rows, ap, ab, ac = rows[edge], ap[edge], ab[edge], ac[edge]
+        corners = np.stack((np.zeros_like(ab), ab, ac), axis=1)
+        distance[rows], weights = _on_edges(ap, corners)
+        v[rows], w[rows] = weights[:, 1], weights[:, 2]
+
+
+def _columns(table: Float, rows: Int) -> Float:
+    """Rows (k,) of a table (m, c), number by number: (c, k), each contiguous."""
+    return np.ascontiguousarray(table.take(rows, axis=0).T)
 
 
 def _edges(

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from femors_addon import grnn, shapes
-from femors_addon.grnn import TOLERANCE, DisplacementField
-from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.grnn import ROUGH, TOLERANCE, DisplacementField
+from femors_addon.progress import Cancelled, FemorsError, silent
 
 SPREADS = (0.3, 0.5, 0.8, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)  # mean edges
 AWAY = {"on": 0.0, "near": 0.5, "middle": 2.0, "reach": 4.5, "far": 10.0, "very far": 1e4}  # spreads
@@ -184,6 +184,7 @@ def test_the_bound_holds_between_two_sheets(surfaces):
 def test_the_grid_keeps_its_bound(surfaces, name, kind, monkeypatch):
     """By itself it is taken for tens of thousands of centres only; here for a few thousand too."""
     monkeypatch.setattr(grnn._Grid, "cost", 0)
+    monkeypatch.setattr(grnn, "TAPS_COST", 0)
     seen = ways_taken(monkeypatch)
     centres, edge = surfaces[name].vertices, surfaces[name].mean_edge
     values = smooth(centres) if kind == "smooth" else np.random.default_rng(1).normal(size=centres.shape)
@@ -195,6 +196,28 @@ def test_the_grid_keeps_its_bound(surfaces, name, kind, monkeypatch):
         error = np.linalg.norm(field(at) - field.exact(at), axis=1).max()
         assert seen == {"smooth"}
         assert error <= bound, f"spread {spread} mean edges"
+
+
+@pytest.mark.parametrize("kind", ["smooth", "rough"])
+@pytest.mark.parametrize("name", ["bone", "ball", "slab"])
+def test_a_rough_field_keeps_its_wider_bound_by_cells_and_by_grid(surfaces, name, kind, monkeypatch):
+    seen = ways_taken(monkeypatch)
+    centres, edge = surfaces[name].vertices, surfaces[name].mean_edge
+    values = smooth(centres) if kind == "smooth" else np.random.default_rng(1).normal(size=centres.shape)
+    bound = ROUGH * np.linalg.norm(values, axis=1).max()
+    for spread in SPREADS[3:]:
+        field = DisplacementField(centres, values, spread * edge, rough=True)
+        at = np.concatenate([around(centres, r * field.spread, 300, 7) for r in (0.0, 0.5, 1.2)])
+        exact = field.exact(at)
+        for cost, way in ((0.0, "smooth"), (1e18, "_by_cells")):
+            monkeypatch.setattr(grnn._Grid, "cost", cost)
+            monkeypatch.setattr(grnn, "TAPS_COST", 0)
+            seen.clear()
+            error = np.linalg.norm(
+                field._within(at, np.zeros(len(at)), grnn.REACHES[0], silent) - exact, axis=1
+            )
+            assert seen == {way}
+            assert error.max() <= bound, f"spread {spread} mean edges, {way}"
 
 
 def test_every_way_is_taken_by_itself(surfaces, monkeypatch):

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a morph has done, in operations: the same on every machine, however busy it is.
+
+    .venv/bin/python tests/bench/counting.py [--write]
+
+Prints the counts of a morph of two bones of our own making; ``--write`` makes them the committed ones in
+counts.json, which tests/test_counts.py holds the code to.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT)]
+
+from femors_addon import grnn, intersect, nearest, relax, shapes, triangles  # noqa: E402
+from femors_addon.morph import morph  # noqa: E402
+
+COMMITTED = Path(__file__).with_name("counts.json")
+NODES = 6000
+
+Amount = Callable[..., int]
+
+PLACES: tuple[tuple[str, Any, str, Amount], ...] = (
+    ("closest-point queries", nearest.SurfaceIndex, "closest", lambda self, points, *a, **k: len(points)),
+    ("point-face pairs", triangles.Triangles, "closest", lambda self, p, ids: len(ids)),
+    ("fields evaluated at points", grnn.DisplacementField, "__call__", lambda self, p, *a: len(p)),
+    ("grid cells", grnn._Grid, "smooth", lambda self, *a: math.prod(self.shape)),
+    ("face pairs tested for crossing", intersect, "_straddling", lambda one, f, two, g: len(f)),
+    ("faces matched in shape", relax.ShapeMatching, "move", lambda self, p: len(self._corners[0])),
+)
+
+
+@contextmanager
+def counting() -> Iterator[Counter[str]]:
+    """Count operations while the context lasts."""
+    total: Counter[str] = Counter()
+    originals = []
+
+    def counted(label: str, original: Any, amount: Amount) -> Any:
+        def wrapper(*args: Any, **options: Any) -> Any:
+            total[label] += amount(*args, **options)
+            return original(*args, **options)
+
+        return wrapper
+
+    meetings = grnn.Cells.meetings
+
+    def met(self: Any, points: Any) -> Iterator[Any]:
+        for origin, rows, chosen in meetings(self, points):
+            total["kernel pairs"] += len(rows) * len(chosen)
+            yield origin, rows, chosen
+
+    for label, owner, name, amount in PLACES:
+        original = getattr(owner, name)
+        originals.append((owner, name, original))
+        setattr(owner, name, counted(label, original, amount))
+    grnn.Cells.meetings = met  # type: ignore[method-assign]
+    try:
+        yield total
+    finally:
+        grnn.Cells.meetings = meetings  # type: ignore[method-assign]
+        for owner, name, original in originals:
+            setattr(owner, name, original)
+
+
+def of_a_morph(nodes: int = NODES) -> dict[str, int]:
+    """Count what a morph of two bones of our own making takes."""
+    pair = shapes.pair(nodes)
+    with counting() as total:
+        morph(pair.source, pair.target)
+    return dict(sorted(total.items()))
+
+
+def main() -> int:
+    """Print the counts beside the committed ones."""
+    parser = argparse.ArgumentParser(description="Count the operations of a morph")
+    parser.add_argument("--write", action="store_true", help="make them the committed ones")
+    args = parser.parse_args()
+    found = of_a_morph()
+    if args.write:
+        COMMITTED.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    committed = json.loads(COMMITTED.read_text(encoding="utf-8")) if COMMITTED.exists() else {}
+    for label, count in found.items():
+        before = committed.get(label, 0)
+        print(f"{label:34}{count:14,}{(count / before - 1) if before else 0:+8.1%}")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
