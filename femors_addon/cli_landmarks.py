@@ -119,9 +119,11 @@ def _predicted(
     moved = transfer.points(marks.points, part(progress, 0.9, 1.0))
     prediction = landmarks.predicted(carrier, marks.labels, marks.points, moved.points, moved.projected)
     notes = [*result.warnings, *landmarks.far_ones(marks.labels, moved.distance, carrier.size)]
-    if result.steering is not None:
-        notes.append(result.steering.sentence())
     faults = [fault for fault in moved.faults if "already" not in fault]
+    if result.steering is not None:
+        notes = [note for note in notes if note not in result.steering.faults]
+        notes.append(result.steering.sentence())
+        faults += result.steering.faults
     return _Found(prediction, notes, [*faults, *([] if result.converged else [result.stop_reason])])
 
 
