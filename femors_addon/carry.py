@@ -130,7 +130,7 @@ class Carrier:
         return principal_stretches(self.field.origin, self.field.morphed)
 
     def residual_at(self, found: Closest) -> Float:
-        """Return (p,) the distance between morphed surface and target at closest points of the source."""
+        """Return (p,) how far morphed surface and target are apart around closest points of the source."""
         return np.einsum("pk,pk->p", self.field.residual[self._corners(found)], found.barycentric)
 
     def stretch_at(self, found: Closest) -> Float:

@@ -39,7 +39,7 @@ class KeptField:
     faces : (m, 3) int32
         Triangles over the centres, outward; none in a file of layout 1.
     residual : (n,) float64
-        Distance of each morphed vertex to the target's surface; NaN where not known.
+        How far morphed surface and target are apart around each vertex, at most; NaN where not known.
     spread : float
         Of the weighted mean near the surface, > 0, in the target's unit of length.
     source, target : str

@@ -27,7 +27,7 @@ class Prediction:
     distance : (k,) float64
         Of the landmark from the source's surface, after the alignment; negative inside.
     residual : (k,) float64
-        Between morphed surface and target, where the landmark is.
+        How far the target's surface is from the morphed one around the landmark, at most.
     stretch : (k,) float64
         Of the surface there, source to target, in the direction in which it is farther from 1.
     projected : (k,) float64
