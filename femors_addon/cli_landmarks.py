@@ -64,6 +64,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     marks = [landmarkfiles.read(csv, space) for _, csv in templates]
     steer = landmarkfiles.read(args.known, space) if known else None
     _check_alike(templates, marks)
+    _check_different(templates)
     aim = _whole_surface(target)
     sources = [_whole_surface(mesh) for mesh, _ in templates]
     found, notes, faults = [], [], []
@@ -169,6 +170,16 @@ def _check_alike(templates: Sequence[tuple[str, str]], marks: Sequence[Landmarks
             f"{path}: {len(one.points)}" for (_, path), one in zip(templates, marks, strict=True)
         )
         raise FemorsError(f"landmarks without names must be as many in every file ({listed})")
+
+
+def _check_different(templates: Sequence[tuple[str, str]]) -> None:
+    """The same template twice would agree with itself, and its spread say nothing."""
+    seen: dict[tuple[bytes, bytes], str] = {}
+    for mesh, csv in templates:
+        content = (files.read_bytes(mesh), files.read_bytes(csv))
+        if content in seen:
+            raise FemorsError(f"{mesh}: the same template as '{seen[content]}'; name each one once")
+        seen[content] = mesh
 
 
 def _whole_surface(path: str) -> Surface:

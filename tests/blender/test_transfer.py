@@ -160,6 +160,20 @@ def test_the_median_of_several_templates(morphed, tools):
     assert mark.spread == pytest.approx(np.linalg.norm(one - two) / 2, abs=1e-4)
 
 
+def test_a_source_counts_once_and_one_that_is_gone_is_passed_over(morphed, tools):
+    """Its two fields would agree with each other, and the spread be nothing."""
+    bpy.ops.femors.morph(source="Femur", target="Scan")
+    other = tools.add_object("Other", *tools.sphere(12, 18, (0.9, 0.85, 2.1)))
+    put_group(other, "tip", {40: 1.0})
+    bpy.ops.femors.morph(source="Other", target="Scan")
+    marks = bpy.context.scene.femors_transfer.marks
+    assert bpy.ops.femors.transfer(field=FIELD, groups="tip", use_templates=True) == {"FINISHED"}
+    assert marks["tip"].templates == 2 and marks["tip"].spread > 0
+    bpy.data.objects.remove(other)
+    assert bpy.ops.femors.transfer(field=FIELD, groups="tip", use_templates=True) == {"FINISHED"}
+    assert marks["tip"].templates == 1 and marks["tip"].spread == -1.0
+
+
 # --- objects --------------------------------------------------------------------------------------
 def moved(name: str, **options):
     """Carry an object and return its copy."""
@@ -248,6 +262,27 @@ def test_empties_curves_and_bones_go_where_points_go(morphed, truth):
     np.testing.assert_allclose(np.array(bones.head_local) + [0.1, 0, 0], ends[0], atol=1e-4)
     np.testing.assert_allclose(np.array(bones.tail_local) + [0.1, 0, 0], ends[1], atol=1e-4)
     np.testing.assert_allclose(armature.bones["Shaft"].head_local, (0, 0, -1.5), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["EMPTY", "MESH"])
+def test_a_copy_is_not_held_back_by_constraints(morphed, tools, truth, kind):
+    anchor = bpy.data.objects.new("Anchor", None)
+    anchor.location = (0.9, 0.1, 0.4)
+    if kind == "EMPTY":
+        item = bpy.data.objects.new("Held", None)
+        bpy.context.scene.collection.objects.link(item)
+    else:
+        item = tools.add_object("Held", *tools.sphere(6, 8, (0.1, 0.1, 0.1)))
+    bpy.context.scene.collection.objects.link(anchor)
+    item.constraints.new("COPY_LOCATION").target = anchor
+    bpy.context.view_layer.update()
+    before = np.array([item.matrix_world.translation]) if kind == "EMPTY" else tools.world(item)
+    assert np.linalg.norm(before[0]) > 0.5
+    copy = moved("Held")
+    bpy.context.view_layer.update()
+    after = np.array([copy.matrix_world.translation]) if kind == "EMPTY" else tools.world(copy)
+    np.testing.assert_allclose(after, truth(before), atol=1e-5)
+    assert len(item.constraints) == 1
 
 
 def test_empties_that_are_carried_are_landmarks(morphed, tools, truth):
@@ -362,6 +397,35 @@ def test_a_damaged_field_is_told(morphed):
     text["femors_field"] = data[: len(data) // 2]
     with pytest.raises(RuntimeError, match="cut short"):
         bpy.ops.femors.transfer()
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_source_that_was_moved_is_told_so(morphed, moved):
+    source = morphed[0]
+    if moved:
+        source.location.x += 5.0
+    else:
+        source.scale = (1.3, 1.3, 1.3)
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match=r"'Femur' was moved since" if moved else r"moved or edited since"):
+        bpy.ops.femors.transfer()
+
+
+@pytest.mark.parametrize("options", [{}, {"what": "OBJECTS", "objects": "Site", "project": True}])
+@pytest.mark.parametrize("edited", [False, True])
+def test_a_target_that_was_moved_or_edited_is_told_so(morphed, tools, edited, options):
+    target = morphed[1]
+    tools.add_object("Site", *tools.sphere(6, 8, (0.1, 0.1, 0.1)))
+    if edited:
+        for vertex in target.data.vertices:
+            vertex.co.z *= 1.1
+    else:
+        target.location.z += 0.2
+    bpy.context.view_layer.update()
+    before = state(tools)
+    with pytest.raises(RuntimeError, match=r"'Scan' was moved or edited since the morph \(it is"):
+        bpy.ops.femors.transfer(**options)
+    assert state(tools) == before
 
 
 # --- steering -------------------------------------------------------------------------------------
