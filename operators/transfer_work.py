@@ -270,6 +270,7 @@ def things(
         )
     )
     notes += landmarks.far_ones(names, distance, transfer.carrier.size)
+    notes += transfer.small(before)
     if settings.inverse or settings.strength < 1.0:
         return Things(out, None, notes)
     return Things(out, landmarks.predicted(transfer.carrier, names, before, after, projected), notes)

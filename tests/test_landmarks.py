@@ -45,6 +45,10 @@ def test_a_landmark_knows_distance_residual_and_stretch():
     assert len(lines) == 3 and lines[1].startswith("a ")
 
 
+def test_the_table_has_no_minus_before_nothing():
+    assert "-0.000" not in one({"a": (-1e-9, 0, 0)}, distance=np.array([-2e-5])).table()
+
+
 def test_the_median_is_taken_by_name_and_coordinate():
     first = one({"a": (0, 0, 0), "b": (1, 1, 1)}, residual=np.array([1.0, 2.0]))
     second = one({"b": (2, 1, 1), "a": (0, 3, 0)}, residual=np.array([4.0, 3.0]))
@@ -78,8 +82,10 @@ def test_one_template_stays_as_it_is_and_none_is_refused():
 
 
 def test_far_landmarks_are_named_with_their_distance():
-    assert far_ones(["a", "b"], np.array([0.0, 5.0]), 100.0) == []
-    (said,) = far_ones(["a", "b", "c"], np.array([-30.0, 5.0, 44.0]), 100.0)
+    assert far_ones(["a", "b"], np.array([0.0, 2.9]), 100.0) == []
+    (said,) = far_ones(["a", "b", "c"], np.array([-30.0, 2.0, 44.0]), 100.0)
+    assert far_ones(["a"], np.array([3.5]), 100.0)[0].startswith("1 landmark is off")
+    assert far_ones(["a"], np.array([2.5]), 100.0) == []
     assert "'c' (44), 'a' (30)" in said and "'b'" not in said
     (said,) = far_ones([str(n) for n in range(9)], np.full(9, 50.0), 100.0)
     assert said.endswith(", ...") and said.count("(50)") == landmarks.MOST

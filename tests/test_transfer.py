@@ -138,6 +138,19 @@ def test_what_is_far_is_told_with_its_distance():
     assert away.points == pytest.approx(transformed(SHIFT, far - [0.0, 5e3, 0.0]))
 
 
+def test_points_in_metres_and_a_foreign_surface_are_remarked():
+    rows = BONE.vertices[[10, 400, 900, 1200]]
+    transfer = Transfer(CARRIER, TransferSettings())
+    assert transfer.points(rows).notes == ()
+    small = transfer.points(rows / 1000.0 + [0.0, 3.0, 200.0])
+    assert any("metres" in note for note in small.notes)
+    assert transfer.points(BONE.corners[5]).notes == ()  # a small site on the bone
+    other = TARGET.moved(TARGET.vertices + [0.0, 40.0, 0.0])
+    laid = Transfer(CARRIER, TransferSettings(), other).points(rows)
+    assert any("is it the right one" in note for note in laid.notes)
+    assert Transfer(CARRIER, TransferSettings(), TARGET).points(rows).notes == ()
+
+
 def test_what_cannot_be_is_refused():
     with pytest.raises(FemorsError, match="strength 1"):
         Transfer(CARRIER, TransferSettings(strength=0.5), TARGET)
@@ -341,6 +354,10 @@ def test_known_landmarks_steer(subjects, tmp_path, capsys):
         (["target.ply", "-o", "o.csv"], "1 files are given"),
         (["one.ply", "target.ply", "one.csv", "-o", "o.stl"], "no kind of landmark file"),
         (["one.ply", "target.ply", "one.csv", "-o", "one.csv"], "also an input"),
+        (
+            ["one.ply", "target.ply", "one.csv", "-o", "o.csv", "-t", "one.ply", "one.csv"],
+            "the same template",
+        ),
         (["one.ply", "target.ply", "gone.csv", "-o", "o.csv"], "gone.csv"),
         (["one.ply", "target.ply", "one.csv", "-o", "o.csv", "-t", "two.ply", "plain.csv"], "some have none"),
         (["one.ply", "target.ply", "one.csv", "-o", "o.csv", "--known", "plain.csv"], "shares 0 name"),
