@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points carried by a kept field: forth from source to target, or back.
 
-On the source's surface a point keeps its place in its triangle. Off it, it keeps its offset, which
-turns and stretches with the surface below (`frames`); the farther away, the smoother the deformation
-that it follows, and from `FADE` of the size on it is left more and more to the alignment alone.
+On the source's surface a point keeps its place in its triangle. Off it, it keeps its offset, which turns
+with the surface below and keeps its length along the normal (`frames`); the farther away, the smoother the
+deformation that it follows, and from `FADE` of the size on it is left more and more to the alignment alone.
 """
 
 from __future__ import annotations

@@ -42,7 +42,10 @@ def options(parser: argparse.ArgumentParser) -> None:
         help="one more template; the median of all their predictions is taken, landmark by name",
     )
     parser.add_argument(
-        "--known", metavar="K.csv", help="landmarks known on TARGET: those of equal names steer"
+        "--known",
+        metavar="K.csv",
+        help="landmarks known on TARGET: templates are aligned by those of equal names, three or more, and "
+        "with --steer also pulled onto them",
     )
     parser.add_argument("--project", action="store_true", help="lay the landmarks onto TARGET's surface")
     parser.add_argument("--table", metavar="T.csv", help=TABLE)
@@ -116,11 +119,11 @@ def _predicted(
     pairs = {} if steer is None else _steering(marks, steer)
     result = morph(source, aim, settings, part(progress, 0.0, 0.9), **pairs)
     carrier = Carrier(result.kept())
-    transfer = Transfer(carrier, TransferSettings(), aim if project else None)
+    transfer = Transfer(carrier, TransferSettings(), aim if project else None, own=True)
     moved = transfer.points(marks.points, part(progress, 0.9, 1.0))
     prediction = landmarks.predicted(carrier, marks.labels, marks.points, moved.points, moved.projected)
     notes = [*result.warnings, *landmarks.far_ones(marks.labels, moved.distance, carrier.size)]
-    faults = [fault for fault in moved.faults if "already" not in fault]
+    faults = list(moved.faults)
     if result.steering is not None:
         notes = [note for note in notes if note not in result.steering.faults]
         notes.append(result.steering.sentence())

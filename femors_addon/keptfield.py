@@ -79,6 +79,8 @@ class KeptField:
         count = len(self.centres)
         if self.transform.shape != (4, 4) or not np.isfinite(self.transform).all():
             raise FemorsError("the field's transform is not a finite 4 x 4 matrix")
+        if not np.array_equal(self.transform[3], [0.0, 0.0, 0.0, 1.0]):
+            raise FemorsError("the field's transform is not affine: its last row is not 0 0 0 1")
         if abs(np.linalg.det(self.transform[:3, :3])) < 1e-30:
             raise FemorsError("the field's transform flattens space")
         if count < 1 or len(self.displacements) != count or len(self.residual) != count:
@@ -166,6 +168,10 @@ def decoded(data: bytes, name: str) -> KeptField:
             raise FemorsError(
                 f"was written by a newer FEMORS (layout {layout}, this one knows {LAYOUT}): update FEMORS"
             )
+        if layout < 1:
+            raise FemorsError(f"is not a field file (layout {layout})")
+        if "faces" in arrays and not np.issubdtype(arrays["faces"].dtype, np.integer):
+            raise FemorsError("the field's faces are not whole numbers")
         count = len(arrays["centres"])
         return KeptField(
             transform=arrays["transform"],

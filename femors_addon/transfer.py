@@ -60,11 +60,12 @@ class Transferred:
     notes: tuple[str, ...] = ()
     faults: tuple[str, ...] = ()
 
-    def summary(self) -> str:
-        """Return the figures in a line."""
+    def summary(self, soup: bool = False) -> str:
+        """Return the figures in a line; of a soup of triangles, points at one place count as one."""
         away = np.abs(self.distance)
         middle, most = np.median(away), away.max()
-        words = [f"{len(self.points)} points, median {middle:.3g} (max {most:.3g}) from the surface"]
+        count = len(np.unique(self.points, axis=0)) if soup else len(self.points)
+        words = [f"{count} points, median {middle:.3g} (max {most:.3g}) from the surface"]
         if self.projected.any():
             words.append(f"projected by {np.median(self.projected):.3g} (max {self.projected.max():.3g})")
         if self.error.any():
@@ -83,6 +84,8 @@ class Transfer:
     settings : TransferSettings
     onto : Surface, optional
         What points are projected onto.
+    own : bool
+        Whether the things are known to be the source's, so that none was carried before.
 
     Raises
     ------
@@ -90,11 +93,13 @@ class Transfer:
         Settings outside their limits; a projection of what is carried only a part of the way.
     """
 
-    def __init__(self, carrier: Carrier, settings: TransferSettings, onto: Surface | None = None) -> None:
+    def __init__(
+        self, carrier: Carrier, settings: TransferSettings, onto: Surface | None = None, own: bool = False
+    ) -> None:
         declared.check(settings)
         if onto is not None and settings.strength < 1.0:
             raise FemorsError("a projection needs strength 1: what goes a part of the way is on no surface")
-        self.carrier, self.settings = carrier, settings
+        self.carrier, self.settings, self.own = carrier, settings, own
         self.onto = None if onto is None else SurfaceIndex(clean(onto.vertices, onto.faces, "target").surface)
 
     # --- points and surfaces ------------------------------------------------------------------
@@ -205,7 +210,7 @@ class Transfer:
                 f"projected by {np.median(out.projected):.3g} in the median: the surface is "
                 f"{self._elsewhere:.3g} from where the field ends; is it the right one?"
             )
-        if self._already(points):
+        if not self.own and self._already(points):
             way = "without inverse" if self.settings.inverse else "inverse"
             faults.append(
                 f"lies on the {there} already, not on the {here}: carried before? "

@@ -223,11 +223,11 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
         if got.marks is not None:
             for name, vertex in zip(got.marks.names, got.nearest, strict=True):
                 weights[name] = np.zeros(len(self._target.vertices))
-                weights[name][vertex] = 1.0
+                weights[name][vertex] = got.weights[name]
         made = transfer_write.groups(target, weights) if self.use_groups else []
         if self.use_empties and got.marks is not None:
             title = f"{self._field} landmarks"
-            marks.add(context, title, got.marks.names, got.marks.points, got.marks.columns())
+            marks.add(context, title, got.marks.names, got.marks.points, got.marks.columns(), again=True)
         if got.marks is not None:
             transfer_write.table(context.scene.femors_transfer, self._field, got.marks)
         return self._groups_line(target, got, made)
@@ -237,7 +237,7 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
         if got.marks is not None:
             residual = float(np.nanmax(got.marks.residual))
             parts.append(
-                f"{len(got.marks.names)} landmarks (nearest vertex up to {got.missed.max():.3g} away, "
+                f"{marks.counted(len(got.marks.names))} (nearest vertex up to {got.missed.max():.3g} away, "
                 f"residual up to {residual:.3g})"
             )
         for name, region in got.regions.items():

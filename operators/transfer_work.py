@@ -65,6 +65,8 @@ class Groups:
         The target's vertex nearest to each.
     missed : (k,) float64
         How far it is.
+    weights : dict of str to float
+        Of each landmark's vertex, as on the source.
     regions : dict of str to Region
     notes : list of str
     """
@@ -72,6 +74,7 @@ class Groups:
     marks: Prediction | None
     nearest: Array
     missed: Array
+    weights: dict[str, float]
     regions: dict[str, Region]
     notes: list[str]
 
@@ -141,7 +144,7 @@ def groups(
             "Vertex groups go all the way from source to target: set strength to 1 and no inverse"
         )
     notes: list[str] = []
-    found, regions = [], {}
+    found, regions, heavy = [], {}, {}
     for number, one in enumerate(templates):
         step = part(progress, number / len(templates), (number + 1) / len(templates))
         carrier = carrier_of(one.data, one.name)
@@ -149,6 +152,7 @@ def groups(
         notes += check_target(carrier, one.name, name, target)
         transfer = Transfer(carrier, settings, target if project else None)
         single = {name: int(np.flatnonzero(w)[0]) for name, w in one.groups.items() if (w > 0).sum() == 1}
+        heavy |= {name: float(one.groups[name].max()) for name in single if name not in heavy}
         if single:
             before = one.vertices[list(single.values())]
             moved = transfer.points(before, part(step, 0.0, 0.3))
@@ -165,7 +169,7 @@ def groups(
         used = np.unique(target.faces)
         missed, near = cKDTree(target.vertices[used]).query(marks.points)
         nearest = used[near]
-    return Groups(marks, nearest, missed, regions, [*notes, *missing])
+    return Groups(marks, nearest, missed, heavy, regions, [*notes, *missing])
 
 
 def check_own(carrier: Carrier, template: Template) -> None:
