@@ -14,6 +14,8 @@ from .figures import draw_sentence, length_unit, number
 from .panels import FemorsPanel, draw_own_job
 
 COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "stretch"), ("spread", "spread"))
+NAMES = 0.42  # of the table's width
+SCROLLBAR = 1.4  # its width and the frame's, in Blender's units
 LENGTHS = ("distance", "residual", "spread")
 
 
@@ -69,7 +71,7 @@ def columns(form: Any) -> tuple[tuple[str, str], ...]:
 
 def draw_cells(layout: bpy.types.UILayout, title: str, cells: list[str]) -> None:
     """Draw a name and right-aligned cells."""
-    rest = layout.split(factor=0.34, align=True)
+    rest = layout.split(factor=NAMES, align=True)
     rest.label(text=title)
     for left in range(len(cells), 0, -1):  # columns of one width, whatever stands in them
         if left > 1:
@@ -124,15 +126,20 @@ class FEMORS_PT_marks(FemorsPanel, bpy.types.Panel):
         """Draw the table, and the button that writes it."""
         layout, form = self.layout, context.scene.femors_transfer
         _, unit = length_unit(context.scene.unit_settings)
-        row = layout.row()
-        row.label(text=f"{form.title} ({unit})")
+        words = layout.column()
+        words.scale_y = 0.8
+        words.label(text=form.title)
+        words.label(text=f"lengths in {unit}")
         row = layout.row()
         row.use_property_split = True
         row.use_property_decorate = False
         row.prop(form, "sort", text="Sort by")
-        head = layout.row()
+        head = layout.row(align=True)
         head.scale_y = 0.7
-        draw_cells(head, "Name", [title for _, title in columns(form)])
+        draw_cells(head.row(), "Name", [title for _, title in columns(form)])
+        beside = head.row()
+        beside.ui_units_x = SCROLLBAR
+        beside.label(text="")
         layout.template_list("FEMORS_UL_marks", "", form, "marks", form, "mark", rows=6)
         export = layout.operator("femors.export_landmarks", text="Export Table", icon="EXPORT")
         export.use_table = export.use_figures = True
