@@ -8,7 +8,9 @@ DATA := $(or $(FEMORS_DATA),../shared/data)
 BLENDER_DIR := $(or $(FEMORS_BLENDER_DIR),$(HOME)/.cache/femors/blender)
 FETCH := ../shared/tools/get-blender.sh
 
-.PHONY: help setup demo test test-package lint lock package format bench blender clean distclean
+DOCS_VENV := $(HOME)/.cache/femors/docs-$(shell cksum < requirements/docs.txt | cut -d' ' -f1)
+
+.PHONY: help setup demo docs test test-package lint lock package format bench blender clean distclean
 .DEFAULT_GOAL := help
 
 help: ## what there is to make
@@ -24,6 +26,17 @@ $(STAMP): requirements/venv.txt requirements/make_venv.sh
 
 demo: setup ## two bones of its own making, morphed through the real operator: .blend, .stl, report, PNG
 	@$(VENV)/bin/python demo/run.py
+
+docs: setup $(DOCS_VENV)/.made ## the manual, into docs_output/: open docs_output/index.html
+	@OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m docs.make
+	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict --quiet
+	@echo "docs_output/index.html"
+
+$(DOCS_VENV)/.made: requirements/docs.txt | setup
+	@echo "installing requirements/docs.txt into $(@D)"
+	@$(VENV)/bin/python -m venv --clear "$(@D)"
+	@"$(@D)/bin/python" -m pip install --quiet --disable-pip-version-check --no-input -r requirements/docs.txt
+	@touch $@
 
 test: setup ## core tests, Blender tests on the bpy wheel, and in a real blender and its window where there is one
 	@tests/run_all.sh
@@ -56,7 +69,7 @@ blender: ## fetch real Blender binaries (Debian's trixie and sid) for the tests
 	@$(FETCH) sid "$(BLENDER_DIR)"
 
 clean: ## remove what tests and demos leave; .venv stays
-	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis demo_output bench_output dist
+	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis demo_output bench_output docs_output docs/reference docs/files dist
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv too

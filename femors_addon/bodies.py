@@ -73,8 +73,8 @@ class Solid:
         Its triangles, by vertex of the cleaned surface.
     notes : tuple of str
         What was mended for the maths, in words.
-    longest : float
-        Length of the surface's longest edge at the start.
+    edge, longest : float
+        Mean and greatest length of the surface's edges at the start.
     held : set of int
         Points that were stopped on their way to keep elements valid.
     version : int
@@ -110,6 +110,7 @@ class Solid:
             self.rest = np.array(body.nodes)
         self.points = self.rest.copy()
         ends = cleaned.surface.vertices[cleaned.surface.edges]
+        self.edge = cleaned.surface.mean_edge
         self.longest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
         self.held: set[int] = set()
         self.version = 0

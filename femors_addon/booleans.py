@@ -12,6 +12,9 @@ from .mesh import Surface
 MISSING = "shared volumes and XOR are not computed: the Python package manifold3d is not installed"
 
 
+ROUNDING = 1e-6  # of a volume: what arithmetic may leave
+
+
 def available() -> bool:
     """Whether manifold3d can be imported."""
     try:
@@ -30,7 +33,9 @@ def shared_volume(one: Surface, two: Surface) -> float | None:
     solids = [_manifold(surface) for surface in (one, two)]
     if solids[0] is None or solids[1] is None:
         return None
-    return float((solids[0] ^ solids[1]).volume())
+    shared = float((solids[0] ^ solids[1]).volume())
+    # a body that overlaps itself counts what it has twice: nothing is known then
+    return shared if shared >= -ROUNDING * min(abs(one.volume), abs(two.volume)) else None
 
 
 def xor_volume(one: Surface, two: Surface) -> float | None:
@@ -38,7 +43,10 @@ def xor_volume(one: Surface, two: Surface) -> float | None:
     if np.array_equal(one.vertices, two.vertices) and np.array_equal(one.faces, two.faces):
         return 0.0
     shared = shared_volume(one, two)
-    return None if shared is None else max(0.0, one.volume + two.volume - 2.0 * shared)
+    if shared is None:
+        return None
+    apart = one.volume + two.volume - 2.0 * shared
+    return max(0.0, apart) if apart >= -ROUNDING * one.volume else None
 
 
 def _manifold(surface: Surface) -> Any:
@@ -50,4 +58,6 @@ def _manifold(surface: Surface) -> Any:
     vertices = np.array(surface.vertices, dtype=np.float64)
     faces = surface.faces.astype(np.uint64)
     solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces))
-    return solid if solid.status() == manifold3d.Error.NoError and not solid.is_empty() else None
+    if solid.status() != manifold3d.Error.NoError or solid.is_empty():
+        return None
+    return solid if abs(solid.volume() - surface.volume) <= 1e-4 * abs(surface.volume) else None

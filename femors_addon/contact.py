@@ -7,13 +7,15 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from .bodies import Solid
 from .intersect import piercings
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 
-FACING = 0.5  # cosine between a node's own normal and its way out, above which it leaves by the wrong side
+FACING = -0.2  # cosine between a node's own normal and its way out, above which it leaves by the wrong side
+BESIDE = 2.5  # mean edges: how far a neighbour may be whose way out is taken over
 SAME = 0.1  # of an edge: places on it that are closer to each other are one
 FLAT = 1e-7  # of the coordinates' size: below this distance the way out is the surface's normal
 
@@ -198,7 +200,9 @@ class Side:
         self.bound[rows] = np.minimum(self.found.gaps[rows], span)
         own = self.body.normals(rows)
         self.wrong[rows] = np.einsum("ij,ij->i", own, gaps.ways) > FACING
-        self.on_edges = self._measured(edges)
+        on_edges = self._measured(edges)
+        near = on_edges.gaps < reach  # places that are far off by now may be forgotten
+        self.ends, self.along, self.on_edges = self.ends[near], self.along[near], on_edges.at(near)
 
     def between(self, values: Float) -> Float:
         """Return what a quantity of the vertices is at the places on edges."""
@@ -230,16 +234,38 @@ class Side:
     def contacts(self, target: float, strict: bool) -> Contacts:
         """Return the nodes that are, or were, closer than `target`, and the places on edges."""
         low = self.found.gaps < target
-        if not strict:
-            low &= ~self.wrong
+        wrong, extended = self._extended(np.flatnonzero(low & self.wrong), np.flatnonzero(low & ~self.wrong))
+        asked = extended.gaps < target  # others leave by the wrong side, or not at all
+        wrong, extended = wrong[asked], extended.at(asked)
+        low &= ~self.wrong | strict
+        low[wrong] = False
         self.ever |= low
-        rows = np.flatnonzero(low | (self.ever & np.isfinite(self.found.gaps) & ~self.wrong))
+        self.ever[wrong] = True
+        back = self.ever & np.isfinite(self.found.gaps) & ~self.wrong
+        back[wrong] = False
+        rows = np.flatnonzero(low | back)
         displacement = self.body.displacement
-        gaps = _Gaps.joined(self.found.at(rows), self.on_edges)
+        gaps = _Gaps.joined(_Gaps.joined(self.found.at(rows), extended), self.on_edges)
+        rows = np.concatenate((rows, wrong))
         own = np.concatenate((displacement[rows], self.between(displacement)))
         points = np.concatenate((self.body.vertices[rows], self.between(self.body.vertices)))
         pushed = np.einsum("ij,ij->i", gaps.ways, own - gaps.feet)
         return Contacts(points + self.frame, self.sign * gaps.ways, gaps.gaps, pushed)
+
+    def _extended(self, wrong: Int, right: Int) -> tuple[Int, _Gaps]:
+        """Give nodes that would leave by the wrong side the way of a neighbour that would not.
+
+        On a rim the other surface's closest face is often one beside it. The face that the neighbour is
+        before is taken for a plane; nodes with no neighbour within `BESIDE` edges are left out.
+        """
+        if not len(wrong) or not len(right):
+            return wrong[:0], _Gaps.none(0)
+        points = self.body.vertices
+        far, nearest = cKDTree(points[right]).query(points[wrong])
+        beside = far < BESIDE * self.body.edge
+        wrong, guide = wrong[beside], self.found.at(right[nearest[beside]])
+        along = np.einsum("ij,ij->i", points[wrong] - points[right[nearest[beside]]], guide.ways)
+        return wrong, _Gaps(guide.gaps + along, guide.ways, guide.feet)
 
     def pierce(self) -> int:
         """Find the edges that pierce the other surface, and keep a place on each; return how many do."""
@@ -309,7 +335,7 @@ class _Gaps:
         pairs = ((getattr(one, f.name), getattr(two, f.name)) for f in dataclasses.fields(cls))
         return cls(*map(np.concatenate, pairs))
 
-    def at(self, rows: Int) -> _Gaps:
+    def at(self, rows: NDArray) -> _Gaps:
         return _Gaps(self.gaps[rows], self.ways[rows], self.feet[rows])
 
     def put(self, rows: Int, other: _Gaps) -> None:

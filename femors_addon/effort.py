@@ -40,7 +40,9 @@ class Effort:
         The gap that is aimed at: what was asked for and what single precision may take of it.
     phase : str
     worst : float
-        By how much the gap is missed at the deepest node or place on an edge.
+        By how much the gap is missed at the deepest node or place on an edge that is asked to move.
+    missing : float
+        The same of all nodes, those that would leave by the wrong side too.
     pierced : int
         Edges that pierce the other surface; counted while clearing only.
     spread, widest : float
@@ -62,7 +64,7 @@ class Effort:
         self.size = min(pair.one.surface.mean_edge, pair.two.surface.mean_edge)
         self.aim = self.target + AIM * (pair.gap or 1e-3 * self.size)
         self.phase, self.spread, self.widest = SHAPING, 0.0, 0.0
-        self.worst, self.pierced = 0.0, 0
+        self.worst, self.missing, self.pierced = 0.0, 0.0, 0
         self._steps, self._clear_at = 0, (-1, -1)
         self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
         pair.look(self._reach)
@@ -98,13 +100,14 @@ class Effort:
         pair.look(self._reach)
         strict = self.phase == CLEARING
         self.worst = max(0.0, self.target - pair.deepest(strict))
+        self.missing = max(0.0, self.target - pair.deepest(True))
         if strict and self.worst > AGAIN * self.size:  # others pushed it back in
             self.phase, self.spread, self._steps, strict = SHAPING, 0.0, 0, False
         if self.phase == SHAPING and self.worst <= 0:
             self.phase, strict = CLEARING, True
         self.pierced = pair.pierce() if strict else 0
         if strict:
-            self.worst = max(0.0, self.target - pair.deepest(True))
+            self.worst = self.missing = max(0.0, self.target - pair.deepest(True))
         if self.done:
             self._clear_at = versions
             return None

@@ -16,6 +16,7 @@ from .progress import FemorsError
 Float = NDArray[np.float64]
 Int = NDArray[np.int32]
 
+PROBES = 12  # vertices of a component that are looked at to tell whether it lies in another
 FLAT = 1e-10  # of its area to the power 1.5: a component of less volume has no inside
 
 
@@ -412,16 +413,22 @@ def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:
 
 
 def _nesting(vertices: Float, faces: Int, component: Int, volume: Float) -> Int:
-    """How many closed components each component lies in (of the 32 largest; others count none)."""
+    """How many closed components each component lies in (of the 32 largest; others count none).
+
+    A component that crosses another is not in it: `PROBES` of its vertices, far from each other in the
+    file, all have to be.
+    """
     depth = np.zeros(len(volume), dtype=np.int32)
     if len(volume) == 1:
         return depth
     largest = np.argsort(-np.abs(volume), kind="stable")[:32]
-    first = np.unique(component, return_index=True)[1]
-    probes = vertices[faces[first[largest], 0]]
+    probes = []
     for shell in largest:
-        winding = winding_number(vertices[faces[component == shell]], probes)
-        within = np.abs(winding) > 0.9
+        corners = faces[component == shell].ravel()
+        probes.append(vertices[corners[np.linspace(0, len(corners) - 1, PROBES).astype(int)]])
+    for shell in largest:
+        winding = winding_number(vertices[faces[component == shell]], np.concatenate(probes))
+        within = (np.abs(winding) > 0.9).reshape(-1, PROBES).all(axis=1)
         within[largest == shell] = False
         depth[largest[within]] += 1
     return depth

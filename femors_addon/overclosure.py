@@ -20,7 +20,7 @@ import numpy as np
 from . import settings as declared
 from .bodies import Body, Solid, shares
 from .contact import Pair
-from .effort import Effort, apply
+from .effort import CLEARING, PARTING, Effort, apply
 from .mesh import Float
 from .overclosure_check import (
     CONTAINED,
@@ -39,8 +39,10 @@ from .separation import thickness
 __all__ = ["Body", "OverclosureResult", "OverclosureSettings", "check_overclosure", "remove_overclosure"]
 
 STRIDE = 0.35  # of the thinnest body, where there are more than two: how far one step may go
+STRIDES = 30  # steps that the deepest pair may take to its end, at least as long as it needs for that
 PATIENCE = 25  # iterations without headway after which the loop gives up
 HEADWAY = 0.98  # of the least missing so far: what counts as headway
+GAINED = 0.95  # of depth or crossings at the start: a state that has more is not worth having
 TRIES = 3  # certificates that may fail before the loop gives up
 
 Preview = Callable[[Mapping[str, Float]], None]
@@ -114,7 +116,9 @@ def remove_overclosure(
     efforts = _efforts(solids, asked, before, settings)
     stop, after = "", before
     if any(not finding.clear for finding in before):
-        stop, after = _removed(efforts, solids, asked, settings, history, part(progress, 0.1, 0.97), preview)
+        stop, after = _removed(
+            efforts, solids, asked, before, settings, history, part(progress, 0.1, 0.97), preview
+        )
     solved = time.process_time()
     result = result_of(solids, before, after, efforts, settings, tuple(history), stop)
     progress(1.0, "done")
@@ -157,9 +161,7 @@ def _efforts(
     """
     if settings.method != "grnn":
         settings = dataclasses.replace(settings, continuation=False)
-    stride = np.inf
-    if len(solids) > 2:
-        stride = STRIDE * min(thickness(solid.surface) for solid in solids)
+    deepest = max((finding.depth for finding in before), default=0.0)
     given_up = {finding.names for finding in before if finding.state == CONTAINED}
     efforts = []
     for (i, j), gap in asked.items():
@@ -168,7 +170,7 @@ def _efforts(
             continue
         size = max(float(np.abs(solid.vertices).max()) for solid in (one, two))
         margin = 2.0 * float(np.spacing(np.float32(size)))
-        efforts.append(Effort(Pair(one, two, gap), settings, margin, stride))
+        efforts.append(Effort(Pair(one, two, gap), settings, margin, _stride((i, j), solids, asked, deepest)))
     return efforts
 
 
@@ -176,6 +178,7 @@ def _removed(
     efforts: list[Effort],
     solids: Sequence[Solid],
     asked: Mapping[tuple[int, int], float],
+    before: Sequence[Finding],
     settings: OverclosureSettings,
     history: list[Step],
     progress: Progress,
@@ -197,7 +200,35 @@ def _removed(
             break
         for effort in efforts:
             effort.pair.forget()
+    if stop and settings.method == "grnn" and not _better(after, before):
+        for solid in solids:
+            solid.put(solid.rest)
+        return stop, list(before)
     return stop, after
+
+
+def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:
+    """Whether a state that may not be clear is at least less deep, or crosses less."""
+    now, then = (
+        (sum(max(f.gap - f.least, 0.0) for f in found), sum(f.crossings for f in found))
+        for found in (after, before)
+    )
+    return all(f.clear for f in after) or now[0] < GAINED * then[0] or now[1] < GAINED * then[1]
+
+
+def _stride(
+    pair: tuple[int, int], solids: Sequence[Solid], asked: Mapping[tuple[int, int], float], deepest: float
+) -> float:
+    """Return how far one step of a pair may go, so that no third body near it is passed through."""
+    thinnest = np.inf
+    for number, other in enumerate(solids):
+        for mine in pair:
+            if number in pair or tuple(sorted((number, mine))) not in asked:
+                continue
+            (low, high), (its_low, its_high) = solids[mine].surface.bounds, other.surface.bounds
+            if (np.maximum(low, its_low) - np.minimum(high, its_high) <= 2.0 * deepest).all():
+                thinnest = min(thinnest, *(thickness(solids[n].surface) for n in (*pair, number)))
+    return max(STRIDE * thinnest, deepest / STRIDES)
 
 
 # --- the loop ---------------------------------------------------------------------------------------
@@ -213,17 +244,20 @@ def _loop(
     best = _Best(solids)
     deepest, share, shaped = 0.0, 0.0, False
     for number in range(settings.iterations):
+        begun = [solid.points for solid in solids]
         missing, pierced, spread = _sweep(efforts)
         deepest = max(deepest, missing)
         history.append(Step(number + 1, missing, pierced, spread))
         done = 1.0 - math.log1p(1e4 * missing / deepest) / math.log1p(1e4) if deepest else 1.0
-        text = f"overclosure, iteration {number + 1}, depth {missing:.3g}, {pierced} edges crossing"
+        clearing = all(effort.phase == CLEARING for effort in efforts)
+        left = f"{pierced} edges crossing" if clearing or not missing else "shaping"
+        text = f"overclosure, iteration {number + 1}, depth {missing:.3g}, {left}"
         share = min(0.99, max(share, done, number / settings.iterations))  # pairs push each other back in
         progress(share, text)
         if preview is not None:
             preview({solid.name: solid.nodes for solid in solids})
         ready = all(effort.done for effort in efforts)
-        parting = any(effort.phase == "parting" for effort in efforts)
+        parting = any(effort.phase == PARTING for effort in efforts)
         if not parting and not shaped:  # squeezed elements get their shapes back before the fine work
             shaped = True
             for solid in solids:
@@ -235,7 +269,8 @@ def _loop(
             return ""
         if parting:
             continue
-        if not best.improved(missing + (1e-9 if pierced else 0.0), number):
+        uncounted = 0.0 if clearing and not pierced else 1e-9  # edges may still cross
+        if not best.improved(missing + uncounted, number, begun):
             best.restore()
             return f"no headway in {PATIENCE} iterations"
     best.restore()
@@ -247,7 +282,7 @@ def _sweep(efforts: list[Effort]) -> tuple[float, int, float]:
     missing, pierced, spread = 0.0, 0, 0.0
     for effort in efforts:
         field = effort.field()
-        missing, pierced = max(missing, effort.worst), pierced + effort.pierced
+        missing, pierced = max(missing, effort.missing), pierced + effort.pierced
         if field is not None:
             spread = max(spread, effort.spread)
             steps = apply(effort, field)
@@ -265,11 +300,10 @@ class _Best:
         self._score, self._number = np.inf, 0
         self._points = [solid.points for solid in solids]
 
-    def improved(self, score: float, number: int) -> bool:
-        """Take note of the state before this iteration; whether there was headway lately."""
+    def improved(self, score: float, number: int, points: list[Float]) -> bool:
+        """Take note of a state's score and points; whether there was headway lately."""
         if score < HEADWAY * self._score:
-            self._score, self._number = score, number
-            self._points = [solid.points for solid in self._solids]
+            self._score, self._number, self._points = score, number, points
         return number - self._number < PATIENCE
 
     def restore(self) -> None:

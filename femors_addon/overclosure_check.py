@@ -17,11 +17,12 @@ from scipy.sparse import csgraph
 
 from .bodies import Body, Solid
 from .booleans import shared_volume
-from .intersect import crossings
+from .intersect import crossings, piercings
 from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, silent
 
+WIDEST = 1e6  # the largest gap, as in the settings
 SWALLOWED = 0.5  # of a body's nodes inside another: as many leaving by the wrong side, and it is contained
 TOLERANCE = 1e-5  # of the unit: by how much a gap may miss what is asked for
 CLEAR, NEAR, OVERLAP, CONTAINED = "clear", "too near", "overlap", "contained"
@@ -136,8 +137,10 @@ def asked_gaps(
     for pair in exclude:
         out.pop(numbers(pair), None)
     for pair, own in gaps.items():
-        if not own >= 0:
-            raise FemorsError(f"the gap of {pair[0]} and {pair[1]} is {own:g}; it cannot be negative")
+        if not 0 <= own <= WIDEST:  # also where it is NaN
+            raise FemorsError(
+                f"the gap of {pair[0]} and {pair[1]} is {own:g}; it must be from 0 to {WIDEST:g}"
+            )
         if numbers(pair) in out:
             out[numbers(pair)] = float(own)
     return out
@@ -165,7 +168,7 @@ def find(
     indices: Indices = {}
     for number, ((i, j), gap) in enumerate(gaps.items()):
         progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
-        finding = measure(solids[i], solids[j], gap, max(band, gap), volumes, indices)
+        finding = measure(solids[i], solids[j], gap, max(band, 2.0 * gap), volumes, indices)
         if finding is not None:
             found.append(finding)
     return sorted(found, key=lambda f: f.least)
@@ -198,6 +201,11 @@ def measure(
     pairs = max(len(crossings(a, b)), len(crossings(_single(a), _single(b))))
     if least >= band and not pairs:
         return None
+    if least >= band:  # large faces cross, and no node is near
+        least = min(
+            float(_signed(s.surface, o, np.inf, indices)[1].min()) for s, o in ((one, two), (two, one))
+        )
+        where = np.concatenate((piercings(a, b).points(a), piercings(b, a).points(b))).mean(axis=0)
     contained = ""
     for own, other, deep in ((one, two, inside[0]), (two, one, inside[1])):
         if not contained and deep.any() and _whole_piece(own.surface, other.surface, deep):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .contact import Pair
+from .contact import Pair, Region
 from .intersect import piercings
 from .mesh import Float, Surface, unit
 
@@ -41,7 +41,8 @@ def way_apart(pair: Pair) -> Float | None:
         return None
     plate = [thickness(one), thickness(two)]
     reach = 2.0 * max(plate)
-    near = [surface.vertices[_within(surface, points, reach)] for surface in (one, two)]
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    near = [np.concatenate((Region.of(s, low, high).surface.vertices, points)) for s in (one, two)]
     size = 1.5 * max(one.mean_edge, two.mean_edge)
     best = min((_apart(near[0], near[1], way, size), tuple(way)) for way in _candidates(points, one, two))
     distance, way = best[0], np.array(best[1])
@@ -60,11 +61,6 @@ def _candidates(points: Float, one: Surface, two: Surface) -> Float:
     between = unit((one.vertices.mean(axis=0) - two.vertices.mean(axis=0))[None])[0]
     along = axes[2] if axes[2] @ between >= 0 else -axes[2]
     return unit(np.array([along, between, 2.0 * along + between]))
-
-
-def _within(surface: Surface, points: Float, reach: float) -> np.ndarray:
-    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
-    return ((surface.vertices >= low) & (surface.vertices <= high)).all(axis=1)
 
 
 def _apart(one: Float, two: Float, way: Float, size: float) -> float:
