@@ -65,6 +65,8 @@ class Pairs:
         listed = tuple(names) if names is not None else tuple(str(n) for n in range(1, len(source) + 1))
         if len(source) < 3:
             raise FemorsError(f"alignment needs at least 3 paired landmarks, not {len(source)}")
+        if not (np.isfinite(source).all() and np.isfinite(target).all()):
+            raise FemorsError("landmarks have coordinates that are not finite")
         return cls(source, target, listed, _agreeing(source, target, size))
 
     def seen_on(self, source: Surface, target: Surface) -> Pairs:
