@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points carried by a kept field: forth from source to target, or back.
 
-On the source's surface a point keeps its place in its triangle. Off it, it keeps its offset, which
-turns and stretches with the surface below (`frames`); the farther away, the smoother the deformation
-that it follows, and from `FADE` of the size on it is left more and more to the alignment alone.
+On the source's surface a point keeps its place in its triangle. Off it, it keeps its offset, which turns
+with the surface below and keeps its length along the normal (`frames`); the farther away, the smoother the
+deformation that it follows, and from `FADE` of the size on it is left more and more to the alignment alone.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class Carrier:
         return principal_stretches(self.field.origin, self.field.morphed)
 
     def residual_at(self, found: Closest) -> Float:
-        """Return (p,) the distance between morphed surface and target at closest points of the source."""
+        """Return (p,) how far morphed surface and target are apart around closest points of the source."""
         return np.einsum("pk,pk->p", self.field.residual[self._corners(found)], found.barycentric)
 
     def stretch_at(self, found: Closest) -> Float:

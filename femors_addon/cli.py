@@ -225,7 +225,8 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
             )
         warnings = (_with_file(text, args) for text in figures.warnings)
         for warning in (*getattr(thing, "notes", ()), *warnings, *written.notes):
-            console.warn(f"note: {warning}")
+            if warning not in faults:
+                console.warn(f"note: {warning}")
     console.say(result.summary())
     for fault in faults:
         console.warn(f"{fault}; the result is written")
@@ -253,6 +254,7 @@ def _with_file(text: str, args: argparse.Namespace) -> str:
 def _faults(result: MorphResult, source: Surface) -> list[str]:
     """Return why a result is not to be trusted blindly, in words."""
     faults = [] if result.converged else [result.stop_reason]
+    faults += [] if result.steering is None else result.steering.faults
     if result.after.flipped:
         faults.append(f"{result.after.flipped} faces of the result are flipped")
     after = result.after.self_intersecting

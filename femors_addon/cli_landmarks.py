@@ -42,7 +42,10 @@ def options(parser: argparse.ArgumentParser) -> None:
         help="one more template; the median of all their predictions is taken, landmark by name",
     )
     parser.add_argument(
-        "--known", metavar="K.csv", help="landmarks known on TARGET: those of equal names steer"
+        "--known",
+        metavar="K.csv",
+        help="landmarks known on TARGET: templates are aligned by those of equal names, three or more, and "
+        "with --steer also pulled onto them",
     )
     parser.add_argument("--project", action="store_true", help="lay the landmarks onto TARGET's surface")
     parser.add_argument("--table", metavar="T.csv", help=TABLE)
@@ -64,6 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     marks = [landmarkfiles.read(csv, space) for _, csv in templates]
     steer = landmarkfiles.read(args.known, space) if known else None
     _check_alike(templates, marks)
+    _check_different(templates)
     aim = _whole_surface(target)
     sources = [_whole_surface(mesh) for mesh, _ in templates]
     found, notes, faults = [], [], []
@@ -115,13 +119,15 @@ def _predicted(
     pairs = {} if steer is None else _steering(marks, steer)
     result = morph(source, aim, settings, part(progress, 0.0, 0.9), **pairs)
     carrier = Carrier(result.kept())
-    transfer = Transfer(carrier, TransferSettings(), aim if project else None)
+    transfer = Transfer(carrier, TransferSettings(), aim if project else None, own=True)
     moved = transfer.points(marks.points, part(progress, 0.9, 1.0))
     prediction = landmarks.predicted(carrier, marks.labels, marks.points, moved.points, moved.projected)
     notes = [*result.warnings, *landmarks.far_ones(marks.labels, moved.distance, carrier.size)]
+    faults = list(moved.faults)
     if result.steering is not None:
+        notes = [note for note in notes if note not in result.steering.faults]
         notes.append(result.steering.sentence())
-    faults = [fault for fault in moved.faults if "already" not in fault]
+        faults += result.steering.faults
     return _Found(prediction, notes, [*faults, *([] if result.converged else [result.stop_reason])])
 
 
@@ -167,6 +173,16 @@ def _check_alike(templates: Sequence[tuple[str, str]], marks: Sequence[Landmarks
             f"{path}: {len(one.points)}" for (_, path), one in zip(templates, marks, strict=True)
         )
         raise FemorsError(f"landmarks without names must be as many in every file ({listed})")
+
+
+def _check_different(templates: Sequence[tuple[str, str]]) -> None:
+    """The same template twice would agree with itself, and its spread say nothing."""
+    seen: dict[tuple[bytes, bytes], str] = {}
+    for mesh, csv in templates:
+        content = (files.read_bytes(mesh), files.read_bytes(csv))
+        if content in seen:
+            raise FemorsError(f"{mesh}: the same template as '{seen[content]}'; name each one once")
+        seen[content] = mesh
 
 
 def _whole_surface(path: str) -> Surface:

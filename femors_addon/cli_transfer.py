@@ -100,7 +100,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     write_all(data, args.out)
     console.written = True
     for one in done:
-        console.say(f"{one.path}: {one.moved.summary()}")
+        console.say(f"{one.path}: {one.moved.summary(one.path.lower().endswith('.stl'))}")
         if one.prediction is not None:
             console.say(one.prediction.table())
     return _told(console, done, args.quiet)

@@ -106,6 +106,16 @@ def _same(one: str, two: str) -> bool:
         return False
 
 
+TICKS = {"tick Convert units": "pass --fix-units", "tick Mirror if better": "pass --fix-mirror"}
+
+
+def for_command(text: str) -> str:
+    """Return a sentence of the core with options of the command line for the panel's ticks."""
+    for tick, option in TICKS.items():
+        text = text.replace(tick, option)
+    return text
+
+
 class Console:
     """Progress and complaints on stderr, results on stdout.
 
@@ -160,7 +170,7 @@ class Console:
     def warn(self, text: str) -> None:
         """Write one line of warning or complaint, quiet or not."""
         self.end_progress()
-        _write(self.err, f"femors: {' '.join(text.split())}\n")
+        _write(self.err, f"femors: {for_command(' '.join(text.split()))}\n")
 
     def warn_of_defect(self, text: str) -> None:
         """Write the traceback of the exception that is being handled, and one line below it."""

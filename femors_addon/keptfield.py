@@ -39,7 +39,7 @@ class KeptField:
     faces : (m, 3) int32
         Triangles over the centres, outward; none in a file of layout 1.
     residual : (n,) float64
-        Distance of each morphed vertex to the target's surface; NaN where not known.
+        How far morphed surface and target are apart around each vertex, at most; NaN where not known.
     spread : float
         Of the weighted mean near the surface, > 0, in the target's unit of length.
     source, target : str
@@ -79,6 +79,8 @@ class KeptField:
         count = len(self.centres)
         if self.transform.shape != (4, 4) or not np.isfinite(self.transform).all():
             raise FemorsError("the field's transform is not a finite 4 x 4 matrix")
+        if not np.array_equal(self.transform[3], [0.0, 0.0, 0.0, 1.0]):
+            raise FemorsError("the field's transform is not affine: its last row is not 0 0 0 1")
         if abs(np.linalg.det(self.transform[:3, :3])) < 1e-30:
             raise FemorsError("the field's transform flattens space")
         if count < 1 or len(self.displacements) != count or len(self.residual) != count:
@@ -166,6 +168,10 @@ def decoded(data: bytes, name: str) -> KeptField:
             raise FemorsError(
                 f"was written by a newer FEMORS (layout {layout}, this one knows {LAYOUT}): update FEMORS"
             )
+        if layout < 1:
+            raise FemorsError(f"is not a field file (layout {layout})")
+        if "faces" in arrays and not np.issubdtype(arrays["faces"].dtype, np.integer):
+            raise FemorsError("the field's faces are not whole numbers")
         count = len(arrays["centres"])
         return KeptField(
             transform=arrays["transform"],

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,6 +16,10 @@ from .mesh import Float
 from .progress import FemorsError
 
 Row = tuple[int, list[str]]
+DELIMITERS = (",", ";", "\t")
+DECIMAL = re.compile(r"[+-]?\d+,\d+")
+UNIT = re.compile(r"[(\[].*")  # behind a column's title
+NAMED = ("name", "label", "landmark", "id")  # titles of a column of names, the best first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +48,7 @@ def parse(data: bytes, space: str = "") -> tuple[Float, tuple[str, ...], Templat
     header = rows.pop(0)[1] if rows and not any(map(_is_number, rows[0][1])) else []
     if not rows:
         raise FemorsError("has no landmarks; rows 'x, y, z' or 'name, x, y, z' are needed")
-    columns, name = _columns(header, rows[0])
+    columns, name = _columns(header, rows)
     points = np.array([_point(row, columns, name) for row in rows])
     names = tuple(cells[name] for _, cells in rows) if name is not None else ()
     return points, names, Template(tuple(lines), tuple(rows), tuple(columns), name, delimiter)
@@ -102,8 +107,8 @@ def _rows(data: bytes) -> tuple[list[str], list[Row], str]:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    delimiter = next((mark for mark in ";\t" if mark in text), ",")
     lines = text.splitlines()
+    delimiter = _delimiter([line for line in lines if line.strip() and not line.lstrip().startswith("#")])
     rows: list[Row] = []
     for number, line in enumerate(lines, 1):
         if line.strip() and not line.lstrip().startswith("#"):
@@ -115,15 +120,45 @@ def _rows(data: bytes) -> tuple[list[str], list[Row], str]:
     return lines, rows, delimiter
 
 
-def _columns(header: list[str], first: Row) -> tuple[list[int], int | None]:
+def _delimiter(lines: list[str]) -> str:
+    """Return what separates numbers in most rows; a semicolon in a name says nothing.
+
+    Raises
+    ------
+    FemorsError
+        Decimal commas, or nothing but spaces between the numbers.
+    """
+
+    def numbers(line: str, mark: str) -> int:
+        return sum(_is_number(cell.strip().strip('"')) for cell in line.split(mark))
+
+    counts = {mark: sum(numbers(line, mark) >= 3 for line in lines) for mark in DELIMITERS}
+    if max(counts.values()):
+        return max(DELIMITERS, key=lambda mark: counts[mark])
+    for line in lines:
+        if any(
+            len([cell for cell in line.split(mark) if DECIMAL.fullmatch(cell.strip())]) > 2 for mark in ";\t "
+        ):
+            raise FemorsError("has decimal commas; write numbers with points, as in 1.5")
+        if numbers(line, " ") >= 3 or sum(map(_is_number, line.split())) >= 3:
+            raise FemorsError("has spaces between the numbers; commas, semicolons or tabs are needed")
+    return max(DELIMITERS, key=lambda mark: lines[0].count(mark) if lines else 0)
+
+
+def _columns(header: list[str], rows: Sequence[Row]) -> tuple[list[int], int | None]:
     """Return the columns of x, y and z, and that of the name."""
-    titles = [title.lower() for title in header]
+    titles = [UNIT.sub("", title).strip().lower() for title in header]
     if {"x", "y", "z"} <= set(titles):
         columns = [titles.index(axis) for axis in "xyz"]
-        named = [i for i, title in enumerate(titles) if title in ("name", "label")]
-        others = [i for i in range(len(titles)) if i not in columns]
-        return columns, next(iter([*named, *others]), None)
-    number, cells = first
+        named = [titles.index(title) for title in NAMED if title in titles]
+        words = [
+            i
+            for i in range(len(titles))
+            if i not in columns
+            and any(i < len(cells) and cells[i] and not _is_number(cells[i]) for _, cells in rows)
+        ]
+        return columns, next(iter([*named, *words]), None)
+    number, cells = rows[0]
     if len(cells) not in (3, 4):
         raise FemorsError(f"line {number}: 'x, y, z' or 'name, x, y, z' is needed, not {len(cells)} values")
     return ([0, 1, 2], None) if len(cells) == 3 else ([1, 2, 3], 0)

@@ -104,10 +104,11 @@ def read(path: Location, space: str = "LPS") -> Landmarks:
     kind = _ending(path) or ".csv"
     try:
         points, names, template = FORMATS[kind].parse(data, space)
+        names = _filled(names)
         _check_names(names)
     except FemorsError as error:
         raise FemorsError(f"{path}: {error}") from None
-    return Landmarks(points, names if all(names) else (), kind, template, space)
+    return Landmarks(points, names, kind, template, space)
 
 
 def encoded(path: Location, marks: Landmarks, beside: Mapping[str, Sequence[object]] | None = None) -> bytes:
@@ -126,6 +127,13 @@ def encoded(path: Location, marks: Landmarks, beside: Mapping[str, Sequence[obje
     if FORMATS[kind].parse is landmarkcsv.parse:
         return landmarkcsv.build(marks.points, marks.names, template, beside=beside)
     return FORMATS[kind].build(marks.points, marks.labels, template, marks.space)
+
+
+def _filled(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Number what has no name, where others have one; nothing where none has."""
+    if not any(names):
+        return ()
+    return tuple(name or str(number) for number, name in enumerate(names, 1))
 
 
 def _check_names(names: tuple[str, ...]) -> None:

@@ -12,7 +12,7 @@ from .carry import Carrier
 from .mesh import Float
 from .progress import FemorsError
 
-FAR = 0.1  # of the source's size: a landmark farther from its surface is spoken of
+FAR = 0.03  # of the source's size: a landmark farther from its surface is spoken of
 MOST = 5  # names in a sentence
 
 
@@ -27,7 +27,7 @@ class Prediction:
     distance : (k,) float64
         Of the landmark from the source's surface, after the alignment; negative inside.
     residual : (k,) float64
-        Between morphed surface and target, where the landmark is.
+        How far the target's surface is from the morphed one around the landmark, at most.
     stretch : (k,) float64
         Of the surface there, source to target, in the direction in which it is farther from 1.
     projected : (k,) float64
@@ -68,7 +68,7 @@ class Prediction:
 
 
 def _short(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value + 0.0:.3f}"
+    return "-" if np.isnan(value) else f"{round(value, 3) + 0.0:.3f}"
 
 
 def predicted(
@@ -97,7 +97,8 @@ def far_ones(names: Sequence[str], distance: Float, size: float) -> list[str]:
     rows = rows[np.argsort(-np.abs(distance[rows]), kind="stable")]
     listed = ", ".join(f"'{names[row]}' ({abs(distance[row]):.3g})" for row in rows[:MOST])
     more = ", ..." if len(rows) > MOST else ""
-    return [f"{len(rows)} landmark(s) are far from the source's surface and hence uncertain: {listed}{more}"]
+    words = "1 landmark is" if len(rows) == 1 else f"{len(rows)} landmarks are"
+    return [f"{words} off the source's surface and the less certain: {listed}{more}"]
 
 
 def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]:
@@ -133,5 +134,6 @@ def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]
     fewer = [name for name, count in zip(names, counts, strict=True) if count < len(predictions)]
     if fewer:
         listed = ", ".join(f"'{name}'" for name in fewer[:MOST]) + (", ..." if len(fewer) > MOST else "")
-        notes.append(f"{len(fewer)} landmark(s) are not in every template: {listed}")
+        words = "1 landmark is" if len(fewer) == 1 else f"{len(fewer)} landmarks are"
+        notes.append(f"{words} not in every template: {listed}")
     return Prediction(names, points, spread=spread, templates=counts, **medians), notes

@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +32,7 @@ from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
 from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
 from .schedule import CARRY, Stage, node_counts, stages
-from .steer import Pairs, Pull, Steering
+from .steer import Pairs, Pull, Steering, lead
 from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
@@ -145,7 +146,7 @@ def _steered(result: MorphResult, pairs: Pairs, settings: MorphSettings) -> Stee
     apart = [
         np.linalg.norm(points - pairs.target, axis=1) for points in (aligned, result.apply(pairs.source))
     ]
-    return Steering(pairs.names, apart[0], apart[1], pairs.good, settings.steer)
+    return Steering(pairs.names, apart[0], apart[1], pairs.good, settings.steer, pairs.faults)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -164,7 +165,7 @@ class _Work:
 
     def pull(self, level: int) -> Pull | None:
         """What the landmarks do on a level; None where they do nothing."""
-        if self.pairs is None or self.weight == 0:
+        if self.pairs is None or self.weight == 0 or not self.pairs.good.any():
             return None
         good = self.pairs.good
         source = transformed(self.alignment.matrix, self.pairs.source[good])
@@ -180,7 +181,6 @@ class _Work:
         progress: Progress,
     ) -> _Work:
         target = theirs.surface
-        landmarks = None if pairs is None else (pairs.source[pairs.good], pairs.target[pairs.good])
         progress(0.0, "reduced meshes")
         counts = [node_counts(settings, len(mesh.vertices)) for mesh in (ours.surface, target)]
         if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
@@ -190,19 +190,13 @@ class _Work:
         upright, back = ours.surface.moved(transformed(own, ours.surface.vertices)), inverse(own)
         levels = [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts[0])]
         targets = [*pyramid(target, counts[1]), target]
-        alignment = align(
-            ours.surface,
-            target,
-            settings.alignment,
-            partial=settings.partial,
-            fix_units=settings.fix_units,
-            fix_mirror=settings.fix_mirror,
-            landmarks=landmarks,
-            samples=_samples(levels, targets),
-            progress=part(progress, 0.05, 0.25),
-        )
-        if pairs is not None and settings.alignment != "none":
-            pairs = pairs.after(alignment.matrix, target.diagonal)
+        options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
+        options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, targets)}
+        options |= {"progress": part(progress, 0.05, 0.25)}
+        if pairs is None:
+            alignment = align(ours.surface, target, settings.alignment, **options)
+        else:
+            alignment, pairs = lead(ours.surface, target, settings.alignment, pairs, **options)
         moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, ours.surface)]
         rest = ours.surface
         if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again

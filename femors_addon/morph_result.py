@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from .align import transformed
 from .carry import Carrier
@@ -24,6 +25,7 @@ from .steer import Steering
 
 REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfaces are closer than an
 # edge and this
+ROUNDED = 1e-9  # of the size: no distance at all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +71,7 @@ class MorphResult:
     faces : (m, 3) int32
         Triangles over the field's centres, outward.
     residual : (c,) float64
-        Distance of each morphed centre to the target's surface.
+        Misfit around each morphed centre, see `misfit_around`.
     history : tuple of Step
     converged : bool
         Whether the two surfaces have come together: see `stop_reason`.
@@ -259,7 +261,7 @@ def result_of(
         transform=matrix,
         field=field,
         faces=aligned.faces,
-        residual=clean_distance,
+        residual=misfit_around(morphed, clean_distance, theirs.surface, settings.partial),
         history=history,
         converged=converged,
         stop_reason=reason,
@@ -271,6 +273,37 @@ def result_of(
         settings=settings,
         seconds=0.0,
     )
+
+
+def misfit_around(morphed: Surface, to_target: Float, target: Surface, partial: str = "none") -> Float:
+    """Return (n,) how far the two surfaces are apart around each vertex of the morphed one, at most.
+
+    The vertices themselves were laid onto the target, so that their own distance says nothing. What does
+    are the target's vertices and middles of faces, back to the morphed surface: each counts for the
+    corners of the face that it is closest to, and for their neighbours.
+
+    Parameters
+    ----------
+    to_target : (n,) float64
+        Distance of each vertex to the target's surface.
+    partial : {"none", "source", "target"}
+        With "source", what is closest to the border is beyond it, and not counted.
+    """
+    points = np.concatenate((target.vertices[np.unique(target.faces)], target.corners.mean(axis=1)))
+    found = SurfaceIndex(morphed).closest(points)
+    corners, away = morphed.faces[found.face], found.distance
+    if partial == "source":
+        inner = ~morphed.border[corners].any(axis=1)
+        corners, away, points = corners[inner], away[inner], points[inner]
+    out = np.full(len(morphed.vertices), -1.0)
+    np.maximum.at(out, corners, away[:, None])
+    lone = out < 0  # a target coarser than the source
+    if lone.any() and len(points):
+        out[lone] = away[cKDTree(points).query(morphed.vertices[lone])[1]]
+    around = out.copy()
+    np.maximum.at(around, morphed.faces, out[morphed.faces].max(axis=1)[:, None])
+    around = np.maximum(around, to_target)
+    return np.where(around > ROUNDED * target.diagonal, around, 0.0)
 
 
 def _wound_as(ours: Cleaned, surface: Surface) -> Surface:

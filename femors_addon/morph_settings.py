@@ -71,7 +71,7 @@ class MorphSettings:
     steer: bool = setting(
         False,
         "Landmarks pull",
-        "Paired landmarks not only align, but also pull the source onto them all the way",
+        "Paired landmarks not only align, but pull the source onto them; pairs that do not fit are left out",
     )
     landmark_weight: float = setting(
         1.0,

@@ -23,7 +23,9 @@ from .volume import VolumeMesh
 from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians
 
-FAR = 0.1  # of the source's size: what lies farther out, half of it, is spoken of
+FAR = 0.05  # of the source's size: what lies farther out, half of it, is spoken of
+SMALL = 0.01  # of the source's size: points that span less and are not on it may be in another unit
+OFF_TARGET = 0.02  # of the size: a surface to project onto that is farther may be the wrong one
 ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
 SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
 THERE = 0.002  # of the size: half of what was carried before is so near the surface that it was carried to,
@@ -58,11 +60,12 @@ class Transferred:
     notes: tuple[str, ...] = ()
     faults: tuple[str, ...] = ()
 
-    def summary(self) -> str:
-        """Return the figures in a line."""
+    def summary(self, soup: bool = False) -> str:
+        """Return the figures in a line; of a soup of triangles, points at one place count as one."""
         away = np.abs(self.distance)
         middle, most = np.median(away), away.max()
-        words = [f"{len(self.points)} points, median {middle:.3g} (max {most:.3g}) from the surface"]
+        count = len(np.unique(self.points, axis=0)) if soup else len(self.points)
+        words = [f"{count} points, median {middle:.3g} (max {most:.3g}) from the surface"]
         if self.projected.any():
             words.append(f"projected by {np.median(self.projected):.3g} (max {self.projected.max():.3g})")
         if self.error.any():
@@ -81,6 +84,8 @@ class Transfer:
     settings : TransferSettings
     onto : Surface, optional
         What points are projected onto.
+    own : bool
+        Whether the things are known to be the source's, so that none was carried before.
 
     Raises
     ------
@@ -88,11 +93,13 @@ class Transfer:
         Settings outside their limits; a projection of what is carried only a part of the way.
     """
 
-    def __init__(self, carrier: Carrier, settings: TransferSettings, onto: Surface | None = None) -> None:
+    def __init__(
+        self, carrier: Carrier, settings: TransferSettings, onto: Surface | None = None, own: bool = False
+    ) -> None:
         declared.check(settings)
         if onto is not None and settings.strength < 1.0:
             raise FemorsError("a projection needs strength 1: what goes a part of the way is on no surface")
-        self.carrier, self.settings = carrier, settings
+        self.carrier, self.settings, self.own = carrier, settings, own
         self.onto = None if onto is None else SurfaceIndex(clean(onto.vertices, onto.faces, "target").surface)
 
     # --- points and surfaces ------------------------------------------------------------------
@@ -193,14 +200,45 @@ class Transfer:
                 "reach, so that only the alignment was applied; was the field made for another object?"
             )
         elif np.median(away) > FAR * size:
-            notes.append(f"half of the points are {np.median(away):.3g} or more from the {here}'s surface")
-        if self._already(points):
+            notes.append(
+                f"half of the points are {np.median(away):.3g} or more from the {here}'s surface; "
+                "do they belong to another bone?"
+            )
+        notes += self.small(points)
+        if self._elsewhere and np.median(out.projected) > OFF_TARGET * size:
+            notes.append(
+                f"projected by {np.median(out.projected):.3g} in the median: the surface is "
+                f"{self._elsewhere:.3g} from where the field ends; is it the right one?"
+            )
+        if not self.own and self._already(points):
             way = "without inverse" if self.settings.inverse else "inverse"
             faults.append(
                 f"lies on the {there} already, not on the {here}: carried before? "
                 f"Carry the original, or go the other way ({way})"
             )
         return dataclasses.replace(out, notes=tuple(notes), faults=tuple(faults))
+
+    def small(self, points: Float) -> list[str]:
+        """Return what to say of points (p, 3) that lie closer together than things on a source do."""
+        field = self.carrier.field
+        before = field.morphed if self.settings.inverse else field.origin
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        span = float(np.linalg.norm(np.ptp(points, axis=0)))
+        if len(points) < 3 or span >= SMALL * before.diagonal or not len(field.faces):
+            return []
+        if np.median(self._before.closest(points).distance) <= ON * before.diagonal:
+            return []
+        return [
+            f"the points span {span:.3g}, the field's surface {before.diagonal:.3g}: another unit (metres)?"
+        ]
+
+    @cached_property
+    def _elsewhere(self) -> float:
+        """Median distance of where the field ends from the surface to project onto, 0 where it is near."""
+        if self.onto is None or not len(self.carrier.field.faces):
+            return 0.0
+        away = float(np.median(self.onto.closest(self._after.surface.vertices).distance))
+        return away if away > OFF_TARGET * self._after.surface.diagonal else 0.0
 
     def _already(self, points: Float) -> bool:
         """Whether points (p, 3) lie where they should end, and not where they should begin."""

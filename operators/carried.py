@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Vector
+from mathutils import Matrix, Vector
 from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
@@ -90,6 +90,8 @@ def copy_of(
         local = world @ inverse[:3, :3].T + inverse[:3, 3]
         for collection in item.users_collection or (context.scene.collection,):
             collection.objects.link(copy)
+        copy.animation_data_clear()  # it would be where its keys say, not where it was carried
+        _freed(context, copy, matrix)
         if item.type == "MESH":
             if data.shape_keys is not None:
                 copy.shape_key_clear()
@@ -106,11 +108,24 @@ def copy_of(
             copy.matrix_world = placed
         else:
             _write_splines(data, local)
-        copy.animation_data_clear()  # it would be where its keys say, not where it was carried
     except Exception:
         remove(copy, data)
         raise
     return copy
+
+
+def _freed(context: bpy.types.Context, copy: bpy.types.Object, matrix: Array) -> None:
+    """Take a copy's constraints away, which would hold it back, and leave it where they had put it."""
+    if not len(copy.constraints):
+        return
+    copy.constraints.clear()
+    context.view_layer.update()
+    copy.matrix_world = Matrix(matrix)
+    context.view_layer.update()
+    if not np.allclose(
+        copy.matrix_world, matrix, rtol=1e-4, atol=1e-4 * max(1.0, float(np.abs(matrix).max()))
+    ):
+        raise FemorsError("its constraints shear it: apply them first (Object > Apply > Visual Transform)")
 
 
 def remove(item: bpy.types.Object, data: Any) -> None:

@@ -18,8 +18,15 @@ NAME = "femors_landmark"
 """Custom property of an empty: its landmark's name, which Blender may have had to number."""
 FIGURES = ("distance", "residual", "stretch", "projected", "spread", "templates")
 """Custom properties of a predicted landmark, as in `landmarks.Prediction`, with "femors_" before each."""
+MADE = "femors_landmarks_of"
+"""Custom property of a collection: the title that its landmarks were predicted under."""
 SIZE = 0.01
 """Of what the landmarks span: how large an empty is drawn."""
+
+
+def counted(count: int) -> str:
+    """Return so many landmarks in words."""
+    return "1 landmark" if count == 1 else f"{count} landmarks"
 
 
 def name_of(item: bpy.types.Object) -> str:
@@ -34,25 +41,35 @@ def add(
     points: Array,
     figures: Mapping[str, Sequence[Any]] | None = None,
     parent: bpy.types.Object | None = None,
+    again: bool = False,
 ) -> bpy.types.Collection:
     """Make an empty at each world point (k, 3), in a new collection in the scene; or leave nothing.
 
     Parameters
     ----------
+    again : bool
+        Use the collection of this title that an earlier call has made: its landmarks of these names are
+        moved, others stay.
     figures : mapping of str to sequence, optional
         What is known of each landmark, see `FIGURES`; NaN is not written.
     parent : object, optional
         The mesh that the landmarks are to belong to.
     """
+    if parent is not None and abs(parent.matrix_world.determinant()) < 1e-30:
+        raise FemorsError(
+            f"'{parent.name}' is scaled to zero in some direction: correct its scale (Alt+S resets it)"
+        )
+    known = _made_before(context, title) if again else None
+    if known is not None:
+        return _renewed(context, known, names, points, figures or {})
     collection = bpy.data.collections.new(title)
+    collection[MADE] = title
     made = []
     try:
         size = SIZE * (float(np.linalg.norm(np.ptp(points, axis=0))) or 100.0)
         for row, (name, point) in enumerate(zip(names, points, strict=True)):
-            item = bpy.data.objects.new(name, None)
+            item = _empty(name, size)
             made.append(item)
-            item.empty_display_type, item.empty_display_size = "SPHERE", size
-            item.show_name = True
             note(item, name, {key: values[row] for key, values in (figures or {}).items()})
             if parent is not None:
                 item.parent = parent
@@ -66,6 +83,44 @@ def add(
             bpy.data.objects.remove(item)
         bpy.data.collections.remove(collection)
         raise
+    return collection
+
+
+def _empty(name: str, size: float) -> bpy.types.Object:
+    item = bpy.data.objects.new(name, None)
+    item.empty_display_type, item.empty_display_size = "SPHERE", size
+    item.show_name = True
+    return item
+
+
+def _made_before(context: bpy.types.Context, title: str) -> bpy.types.Collection | None:
+    """The collection in this scene that was made under a title, whatever it is called now."""
+    for collection in context.scene.collection.children_recursive:
+        if collection.get(MADE) == title:
+            return collection
+    return None
+
+
+def _renewed(
+    context: bpy.types.Context,
+    collection: bpy.types.Collection,
+    names: Sequence[str],
+    points: Array,
+    figures: Mapping[str, Sequence[Any]],
+) -> bpy.types.Collection:
+    there = {name_of(item): item for item in collection.objects if item.type == "EMPTY"}
+    size = SIZE * (float(np.linalg.norm(np.ptp(points, axis=0))) or 100.0)
+    for row, (name, point) in enumerate(zip(names, points, strict=True)):
+        item = there.get(name)
+        if item is None:
+            item = _empty(name, size)
+            collection.objects.link(item)
+        context.view_layer.update()
+        placed = item.matrix_world.copy()
+        placed.translation = point
+        item.matrix_world = placed
+        note(item, name, {key: values[row] for key, values in figures.items()})
+    context.view_layer.update()
     return collection
 
 

@@ -127,20 +127,34 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
             raise FemorsError(f"Source and target are the same object, '{source.name}': choose two")
         self._empty: list[str] = []
         templates = [self._template(context, text, source)]
+        self._passed: list[str] = []
         if self.use_templates:
-            for other in fields.all_fields():
-                head = fields.head_of(other)
-                if other != text and head.get("target") == self._head.get("target"):
-                    templates.append(
-                        self._template(context, other, scene.find(head.get("source", ""), "source"))
-                    )
+            templates += self._others(context, text, source)
         aim = deck_morph.surface_of(target, self._target)
         if len(aim.vertices) != len(self._target.vertices):  # keep the numbers of the object's own vertices
             from ..femors_addon.mesh import Surface
 
             aim = Surface(self._target.vertices, self._target.triangles)
-        project = self.project
-        return lambda progress: transfer_work.groups(templates, aim, settings, project, progress)
+        project, name = self.project, target.name
+        return lambda progress: transfer_work.groups(templates, aim, name, settings, project, progress)
+
+    def _others(
+        self, context: bpy.types.Context, text: bpy.types.Text, source: bpy.types.Object
+    ) -> list[transfer_work.Template]:
+        """The newest field of every other source to the same target; a source that is gone is noted."""
+        out, seen = [], {source.name}
+        for other in fields.all_fields():
+            head = fields.head_of(other)
+            name = head.get("source", "")
+            if other == text or name in seen or head.get("target") != self._head.get("target"):
+                continue
+            seen.add(name)
+            item = bpy.data.objects.get(name)
+            if item is None or not item.users_scene:
+                self._passed.append(f"'{name}' of the field '{other.name}' is gone and was passed over")
+            else:
+                out.append(self._template(context, other, scene.find(name, "source")))
+        return out
 
     def _template(
         self, context: bpy.types.Context, text: bpy.types.Text, source: bpy.types.Object
@@ -174,7 +188,7 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
         if self.project:
             target = scene.find(self.target or self._head.get("target", ""), "target")
             self._target = scene.snapshot(context, target)
-            onto = deck_morph.surface_of(target, self._target)
+            onto = (target.name, deck_morph.surface_of(target, self._target))
         self._before, things = [], []
         depsgraph = context.evaluated_depsgraph_get()
         for item in items:
@@ -209,11 +223,11 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
         if got.marks is not None:
             for name, vertex in zip(got.marks.names, got.nearest, strict=True):
                 weights[name] = np.zeros(len(self._target.vertices))
-                weights[name][vertex] = 1.0
+                weights[name][vertex] = got.weights[name]
         made = transfer_write.groups(target, weights) if self.use_groups else []
         if self.use_empties and got.marks is not None:
             title = f"{self._field} landmarks"
-            marks.add(context, title, got.marks.names, got.marks.points, got.marks.columns())
+            marks.add(context, title, got.marks.names, got.marks.points, got.marks.columns(), again=True)
         if got.marks is not None:
             transfer_write.table(context.scene.femors_transfer, self._field, got.marks)
         return self._groups_line(target, got, made)
@@ -223,7 +237,7 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
         if got.marks is not None:
             residual = float(np.nanmax(got.marks.residual))
             parts.append(
-                f"{len(got.marks.names)} landmarks (nearest vertex up to {got.missed.max():.3g} away, "
+                f"{marks.counted(len(got.marks.names))} (nearest vertex up to {got.missed.max():.3g} away, "
                 f"residual up to {residual:.3g})"
             )
         for name, region in got.regions.items():
@@ -233,6 +247,7 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
                     f" ({region.area_error:+.1%} of the carried), centroid off by {region.centroid_error:.3g}"
                 )
             parts.append(words)
+        faults += self._passed
         faults += [f"the group '{name}' is empty and was passed over" for name in self._empty]
         renamed = [
             name for name in made if name not in (*got.regions, *(got.marks.names if got.marks else ()))

@@ -28,7 +28,7 @@ SORTS = (
     ("ORDER", "Order", "As they came"),
     ("NAME", "Name", "By name"),
     ("distance", "Distance", "Farthest from the source's surface first"),
-    ("residual", "Residual", "Largest distance between morphed surface and target first"),
+    ("residual", "Residual", "Where the target is farthest from the morphed surface first"),
     ("stretch", "Stretch", "Most stretched or squeezed first"),
     ("spread", "Spread", "Largest spread of the templates first"),
 )
@@ -77,7 +77,9 @@ class FEMORS_PG_mark(bpy.types.PropertyGroup):
     """A row of the table of landmarks; -1 stands for a figure that is not known."""
 
     distance: bpy.props.FloatProperty(name="Distance", description="From the source's surface")
-    residual: bpy.props.FloatProperty(name="Residual", description="Of the morph there")
+    residual: bpy.props.FloatProperty(
+        name="Residual", description="How far the target is from the morphed surface around it"
+    )
     stretch: bpy.props.FloatProperty(name="Stretch", description="Of the surface there, source to target")
     projected: bpy.props.FloatProperty(name="Projected", description="Moved onto the target's surface")
     spread: bpy.props.FloatProperty(name="Spread", description="Of the templates", default=-1.0)

@@ -24,6 +24,7 @@ Array = NDArray[Any]
 OWN = 0.005  # of the size: half of an object's vertices may be so far from the surface that a field knows
 NEARER = 5.0  # times as near to the morphed surface: it is that one
 ROUNDED = 1e-4  # of the size: no distance at all
+ELSEWHERE = 0.05  # of the size: a target farther from where the field ends is another one
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,6 +65,8 @@ class Groups:
         The target's vertex nearest to each.
     missed : (k,) float64
         How far it is.
+    weights : dict of str to float
+        Of each landmark's vertex, as on the source.
     regions : dict of str to Region
     notes : list of str
     """
@@ -71,6 +74,7 @@ class Groups:
     marks: Prediction | None
     nearest: Array
     missed: Array
+    weights: dict[str, float]
     regions: dict[str, Region]
     notes: list[str]
 
@@ -116,6 +120,7 @@ def carrier_of(data: bytes, name: str) -> Carrier:
 def groups(
     templates: Sequence[Template],
     target: Surface,
+    name: str,
     settings: TransferSettings,
     project: bool,
     progress: Progress,
@@ -139,13 +144,15 @@ def groups(
             "Vertex groups go all the way from source to target: set strength to 1 and no inverse"
         )
     notes: list[str] = []
-    found, regions = [], {}
+    found, regions, heavy = [], {}, {}
     for number, one in enumerate(templates):
         step = part(progress, number / len(templates), (number + 1) / len(templates))
         carrier = carrier_of(one.data, one.name)
         check_own(carrier, one)
+        notes += check_target(carrier, one.name, name, target)
         transfer = Transfer(carrier, settings, target if project else None)
         single = {name: int(np.flatnonzero(w)[0]) for name, w in one.groups.items() if (w > 0).sum() == 1}
+        heavy |= {name: float(one.groups[name].max()) for name in single if name not in heavy}
         if single:
             before = one.vertices[list(single.values())]
             moved = transfer.points(before, part(step, 0.0, 0.3))
@@ -162,7 +169,7 @@ def groups(
         used = np.unique(target.faces)
         missed, near = cKDTree(target.vertices[used]).query(marks.points)
         nearest = used[near]
-    return Groups(marks, nearest, missed, regions, [*notes, *missing])
+    return Groups(marks, nearest, missed, heavy, regions, [*notes, *missing])
 
 
 def check_own(carrier: Carrier, template: Template) -> None:
@@ -183,10 +190,49 @@ def check_own(carrier: Carrier, template: Template) -> None:
         )
     if away <= OWN * field.origin.diagonal:  # remeshed or edited since
         return
+    if template.source == field.source:
+        what = "moved" if _same_shape(template.vertices, field.origin.vertices) else "moved or edited"
+        raise FemorsError(
+            f"'{template.source}' was {what} since the morph (by {away:.3g} in the median): "
+            "put it back to where it was, or morph again"
+        )
     raise FemorsError(
         f"The field '{template.name}' was made for another object: half of '{template.source}' is {away:.3g} "
         f"or more from '{field.source}' as it was morphed; choose that one, or morph again"
     )
+
+
+def _same_shape(one: Array, other: Array) -> bool:
+    """Whether two sets of points extend alike along their own axes."""
+    widths = [
+        np.linalg.svd(np.cov(np.unique(points, axis=0).T), compute_uv=False) ** 0.5 for points in (one, other)
+    ]
+    return bool(np.allclose(*widths, rtol=1e-3))
+
+
+def check_target(carrier: Carrier, field_name: str, name: str, target: Surface) -> list[str]:
+    """Refuse a target that is no longer where the field ends; return what to say of another one."""
+    from ..femors_addon.mesh import clean
+    from ..femors_addon.nearest import SurfaceIndex
+
+    field, size = carrier.field, carrier.field.morphed.diagonal
+    if not len(field.faces) or np.isnan(field.residual).any():
+        return []
+    away = SurfaceIndex(clean(target.vertices, target.faces, "target").surface).closest(
+        field.morphed.vertices
+    )
+    more = float(np.percentile(np.maximum(away.distance - field.residual, 0.0), 95))
+    if more <= OWN * size:
+        return []
+    if name == field.target:
+        raise FemorsError(
+            f"'{name}' was moved or edited since the morph (it is {more:.3g} from where the field "
+            f"'{field_name}' ends): put it back to where it was, or morph again"
+        )
+    words = f"'{name}' is up to {more:.3g} from where the field '{field_name}' ends"
+    if more > ELSEWHERE * size:
+        raise FemorsError(f"{words}: choose '{field.target}', which it was made for, or morph again")
+    return [words]
 
 
 def things(
@@ -194,14 +240,16 @@ def things(
     name: str,
     items: Sequence[Thing],
     settings: TransferSettings,
-    onto: Surface | None,
+    onto: tuple[str, Surface] | None,
     progress: Progress,
 ) -> Things:
     """Carry objects; empties, which are landmarks, also get their confidence."""
     from ..femors_addon import landmarks
     from ..femors_addon.transfer import Transfer
 
-    transfer = Transfer(carrier_of(data, name), settings, onto)
+    carrier = carrier_of(data, name)
+    notes = [] if onto is None or settings.inverse else check_target(carrier, name, *onto)
+    transfer = Transfer(carrier, settings, None if onto is None else onto[1])
     out: list[tuple[Transferred, Any]] = []
     for number, item in enumerate(items):
         step = part(progress, number / len(items), (number + 1) / len(items))
@@ -214,7 +262,7 @@ def things(
             raise FemorsError(f"'{item.name}': {error}") from None
     rows = [row for row, item in enumerate(items) if item.mark]
     if not rows:
-        return Things(out, None, [])
+        return Things(out, None, notes)
     names = [items[row].mark for row in rows]
     before, after, projected, distance = (
         np.concatenate(arrays)
@@ -225,7 +273,8 @@ def things(
             [out[row][0].distance for row in rows],
         )
     )
-    notes = landmarks.far_ones(names, distance, transfer.carrier.size)
+    notes += landmarks.far_ones(names, distance, transfer.carrier.size)
+    notes += transfer.small(before)
     if settings.inverse or settings.strength < 1.0:
         return Things(out, None, notes)
     return Things(out, landmarks.predicted(transfer.carrier, names, before, after, projected), notes)

@@ -50,7 +50,7 @@ def test_on_the_surface_every_point_stays_in_its_triangle(steps):
 @pytest.mark.parametrize("distance", [5.0, -5.0, 2.0])
 @pytest.mark.parametrize("steps", WARPS.values(), ids=WARPS)
 def test_beside_the_surface_a_point_keeps_its_offset(steps, distance):
-    """Within 5 % asked for; 1 % measured, of every point."""
+    """Within 5 % asked for; 3 % measured, of the worst point."""
     after = BONE.moved(shapes.warp(BONE.vertices, *steps))
     points = beside(distance)
     before = SurfaceIndex(BONE).signed(points)

@@ -169,3 +169,22 @@ def test_a_field_file_that_is_not_there_is_told(tmp_path):
         keptfield.load(tmp_path / "none.npz")
     with pytest.raises(FemorsError, match="folder"):
         keptfield.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"layout": np.array(0)}, "layout 0"),
+        ({"layout": np.array(-1)}, "layout -1"),
+        ({"faces": shapes.sphere(1).faces + 0.5}, "whole numbers"),
+        ({"transform": np.vstack((np.eye(4)[:3], [0, 0, 1, 1]))}, "not affine"),
+    ],
+)
+def test_arrays_of_another_kind_are_refused(tmp_path, change, words):
+    ball = shapes.sphere(1)
+    good = KeptField(np.eye(4), ball.vertices, ball.vertices, ball.faces, np.zeros(len(ball.vertices)), 0.1)
+    good.save(tmp_path / "f.npz")
+    with np.load(tmp_path / "f.npz") as arrays:
+        np.savez(tmp_path / "g.npz", **(dict(arrays) | change))
+    with pytest.raises(FemorsError, match=words):
+        keptfield.load(tmp_path / "g.npz")

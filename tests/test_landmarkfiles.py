@@ -170,3 +170,39 @@ def test_an_ending_that_is_none_is_told():
         landmarkfiles.ending_of("marks.xlsx")
     assert landmarkfiles.is_landmarks("A.MRK.JSON")
     assert not landmarkfiles.is_landmarks("bone.stl")
+
+
+# --- what CSV files look like ---------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("# made in X; 2024\nname,x,y,z\na,1,2,3\nb,4,5,6\n", ("a", "b")),
+        ("name,x,y,z\na;left,1,2,3\nb,4,5,6\n", ("a;left", "b")),
+        ("name;x;y;z\na,b;1;2;3\nc;4;5;6\n", ("a,b", "c")),
+        ("x,y,z,radius\n1,2,3,5\n4,5,6,5\n", ()),
+        ("x,y,z,where\n1,2,3,left\n4,5,6,right\n", ("left", "right")),
+        ("id,name,x,y,z\n1,a,1,2,3\n2,b,4,5,6\n", ("a", "b")),
+        ("id,x,y,z\n7,1,2,3\n9,4,5,6\n", ("7", "9")),
+        ("Name,X (mm),Y (mm),Z [mm]\na,1,2,3\nb,4,5,6\n", ("a", "b")),
+        ("a,1,2,3\n,4,5,6\n", ("a", "2")),
+    ],
+)
+def test_columns_and_names_are_found(tmp_path, text, names):
+    marks = read(written(tmp_path, ".csv", text))
+    assert marks.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert marks.names == names
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,5;2,5;3,5\n4,5;5,5;6,5\n", "decimal commas"),
+        ("name;x;y;z\na;1,5;2,5;3,5\n", "decimal commas"),
+        ("1 2 3\n4 5 6\n", "spaces between"),
+        ("a 1.5  2 3\n", "spaces between"),
+        ("a,1,2,3\n2,4,5,6\n,7,8,9\n2,1,1,1\n", "'2' stands twice"),
+    ],
+)
+def test_other_kinds_of_tables_are_told(tmp_path, text, words):
+    with pytest.raises(FemorsError, match=words):
+        read(written(tmp_path, ".csv", text))

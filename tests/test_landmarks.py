@@ -11,6 +11,9 @@ from femors_addon.carry import Carrier
 from femors_addon.keptfield import KeptField
 from femors_addon.landmarks import Prediction, far_ones, median_of, predicted
 from femors_addon.mesh import Surface
+from femors_addon.morph import morph
+from femors_addon.morph_result import misfit_around
+from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
 from femors_addon.regions import RegionMap
 
@@ -40,6 +43,10 @@ def test_a_landmark_knows_distance_residual_and_stretch():
     assert np.isnan(got.spread).all()
     lines = got.table().splitlines()
     assert len(lines) == 3 and lines[1].startswith("a ")
+
+
+def test_the_table_has_no_minus_before_nothing():
+    assert "-0.000" not in one({"a": (-1e-9, 0, 0)}, distance=np.array([-2e-5])).table()
 
 
 def test_the_median_is_taken_by_name_and_coordinate():
@@ -75,8 +82,10 @@ def test_one_template_stays_as_it_is_and_none_is_refused():
 
 
 def test_far_landmarks_are_named_with_their_distance():
-    assert far_ones(["a", "b"], np.array([0.0, 5.0]), 100.0) == []
-    (said,) = far_ones(["a", "b", "c"], np.array([-30.0, 5.0, 44.0]), 100.0)
+    assert far_ones(["a", "b"], np.array([0.0, 2.9]), 100.0) == []
+    (said,) = far_ones(["a", "b", "c"], np.array([-30.0, 2.0, 44.0]), 100.0)
+    assert far_ones(["a"], np.array([3.5]), 100.0)[0].startswith("1 landmark is off")
+    assert far_ones(["a"], np.array([2.5]), 100.0) == []
     assert "'c' (44), 'a' (30)" in said and "'b'" not in said
     (said,) = far_ones([str(n) for n in range(9)], np.full(9, 50.0), 100.0)
     assert said.endswith(", ...") and said.count("(50)") == landmarks.MOST
@@ -148,3 +157,28 @@ def test_the_area_is_that_of_linear_weights():
     got = RegionMap(flat, flat).region(flat.vertices[:, 0])
     assert got.area == pytest.approx(0.5)  # the mean of x over the unit square
     assert got.goal == pytest.approx(0.5)
+
+
+# --- the misfit around a landmark -----------------------------------------------------------------
+def test_the_residual_tells_where_the_target_was_not_reached():
+    """Vertices laid onto the target are at no distance from it: the way back is what counts."""
+    fine = shapes.sphere(4)
+    top = fine.vertices[:, 2] > 0.97  # a thorn that is finer than the source's faces
+    target = fine.moved(fine.vertices * np.where(top, 1.0 + 3.0 * (fine.vertices[:, 2] - 0.97), 1.0)[:, None])
+    coarse = shapes.sphere(2)
+    laid = coarse.moved(SurfaceIndex(target).closest(coarse.vertices).point)
+    to_target = SurfaceIndex(target).closest(laid.vertices).distance
+    assert to_target.max() < 1e-12
+    got = misfit_around(laid, to_target, target)
+    up, down = int(np.argmax(coarse.vertices[:, 2])), int(np.argmin(coarse.vertices[:, 2]))
+    assert got[up] > 1.3 * got[down]
+    assert 0.005 < got[down] < 0.05  # the chords of the coarse ball
+    assert misfit_around(fine, np.zeros(len(fine.vertices)), fine).max() == 0.0
+
+
+def test_a_morph_keeps_an_honest_residual():
+    ball = shapes.sphere(2)
+    fine = shapes.sphere(3)
+    result = morph(ball, fine.moved(fine.vertices * [1.0, 1.0, 1.2]))
+    assert result.surface_distance.max() < 1e-9
+    assert 0.002 < np.median(result.kept().residual) < 0.05

@@ -245,6 +245,7 @@ def test_whatever_is_imported_is_in_the_zips():
         "bl_math",
         "addon_utils",
         "bpy_extras",
+        "bl_operators",
     }
     allowed = modules | blender | {*sys.stdlib_module_names, "numpy"}
     seen = set()

@@ -11,7 +11,7 @@ from femors_addon import shapes
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
-from femors_addon.steer import Pairs, Pull
+from femors_addon.steer import Pairs, Pull, lead
 
 RNG = np.random.default_rng(4)
 POINTS = RNG.uniform(-1, 1, (8, 3)) * [40.0, 40.0, 200.0]
@@ -70,6 +70,78 @@ def test_after_the_alignment_pairs_are_looked_at_again():
 def test_pairs_that_are_none_are_told(source, target, names, words):
     with pytest.raises(FemorsError, match=words):
         Pairs.of(source, target, names, SIZE)
+
+
+# --- pairs and surfaces ---------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def bones():
+    """Two bones and landmarks of both, far from each other: the first five of eight."""
+    source, target, truth = shapes.pair(1200, 1100, seed=1)
+    rows = [int(np.argmax(source.vertices[:, 2]))]
+    while len(rows) < 8:
+        away = np.min([np.linalg.norm(source.vertices - source.vertices[r], axis=1) for r in rows], axis=0)
+        rows.append(int(np.argmax(away)))
+    return source, target, source.vertices[rows], truth[rows]
+
+
+def led(bones, count: int, aims: np.ndarray):
+    source, target, marks, _ = bones
+    names = [f"L{n}" for n in range(count)]
+    return lead(source, target, "affine", Pairs.of(marks[:count], aims, names, target.diagonal))
+
+
+def test_right_pairs_are_followed(bones):
+    for count in (3, 4, 5, 8):
+        alignment, pairs = led(bones, count, bones[3][:count])
+        assert pairs.good.all() and pairs.warnings() == [] and pairs.faults == ()
+        assert pairs.residual(alignment.matrix).max() < 0.05 * bones[1].diagonal
+
+
+@pytest.mark.parametrize(
+    ("count", "swapped"), [(4, (2, 3)), (4, (0, 1)), (5, (0, 1)), (5, (2, 4)), (8, (5, 6))]
+)
+def test_swapped_pairs_are_named_and_no_others(bones, count, swapped):
+    """Two of four or five: the rest is no consensus, but the surfaces know."""
+    aims = bones[3][:count].copy()
+    aims[list(swapped)] = aims[list(swapped[::-1])]
+    alignment, pairs = led(bones, count, aims)
+    assert np.flatnonzero(~pairs.good).tolist() == list(swapped)
+    said = pairs.warnings()[-1]
+    assert all(f"'L{n}'" in said for n in swapped) and "left out" in said
+    there = np.linalg.norm(
+        alignment.matrix[:3, :3] @ bones[2].T + alignment.matrix[:3, 3:] - bones[3].T, axis=0
+    )
+    assert there.max() < 0.05 * bones[1].diagonal
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda p: p + [500.0, 0, 0],  # another frame
+        lambda p: p * [-1.0, -1, 1] + [0, 0, 0],  # LPS for RAS
+        lambda p: p / 1000.0,  # metres
+        lambda p: p * [-1.0, 1, 1],  # the other side
+    ],
+    ids=["frame", "axes", "metres", "mirrored"],
+)
+def test_landmarks_of_another_frame_do_no_harm_and_are_a_fault(bones, change):
+    _, target, marks, truth = bones
+    alignment, pairs = led(bones, 5, change(truth[:5]))
+    assert pairs.faults and set(pairs.faults) <= set(pairs.warnings())
+    there = np.linalg.norm(alignment.matrix[:3, :3] @ marks.T + alignment.matrix[:3, 3:] - truth.T, axis=0)
+    assert there.max() < 0.05 * target.diagonal
+    wrong = np.linalg.norm(change(truth[:5]) - truth[:5], axis=1) > 0.12 * target.diagonal
+    assert not pairs.good[wrong].any()
+
+
+def test_a_landmark_off_its_surface_is_told_with_its_distance(bones):
+    aims = bones[3][:5].copy()
+    aims[0] += [0.0, 0.0, 20.0]  # above the topmost point
+    _, pairs = led(bones, 5, aims)
+    assert any(
+        "1 target landmark is far off" in words and "'L0' (20.1)" in words for words in pairs.warnings()
+    )
+    assert pairs.faults == ()
 
 
 # --- the pull -------------------------------------------------------------------------------------
@@ -136,6 +208,8 @@ def test_pulled_landmarks_come_closer_and_the_rest_with_them(pair):
         left[steer] = result.steering.residual
         error[steer] = np.linalg.norm(result.vertices - pair[2], axis=1).mean() / pair[1].diagonal
         assert result.steering.pulled == steer
+        worst = result.steering.names[int(np.argmax(result.steering.residual))]
+        assert f"at most ('{worst}')" in result.steering.sentence()
         assert result.report()["landmarks"]["residual"] == result.steering.residual.tolist()
     assert left[True].mean() < 0.4 * left[False].mean()
     assert error[True] < error[False]

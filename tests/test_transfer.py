@@ -106,6 +106,17 @@ def test_cartilage_keeps_its_thickness_and_its_elements(project):
     assert off[half:].min() > 2.5 and off[half:].max() < 3.5
 
 
+def test_nodes_outside_are_put_back_outside_a_target_that_is_farther_out():
+    """Without that, the nodes 3 mm off the bone would end 2 mm inside a target that is 5 mm larger."""
+    mesh = slab()
+    larger = TARGET.moved(TARGET.vertices + 5.0 * TARGET.vertex_normals)
+    got = Transfer(CARRIER, TransferSettings(), larger).mesh(mesh)
+    half = len(mesh.nodes) // 2
+    assert got.kept > 0.9 * half and "put back" in got.summary()
+    off = SurfaceIndex(larger).signed(got.points)[half:]
+    assert np.percentile(off, 5) > 1.0 and np.median(off) == pytest.approx(3.0, abs=0.3)
+
+
 def test_a_field_that_mirrors_refuses_solids():
     mirror = np.diag([-1.0, 1, 1, 1])
     centres = transformed(mirror, BONE.vertices)
@@ -136,6 +147,19 @@ def test_what_is_far_is_told_with_its_distance():
     away = Transfer(CARRIER, TransferSettings()).points(far - [0.0, 5e3, 0.0])
     assert any("another object" in fault for fault in away.faults)
     assert away.points == pytest.approx(transformed(SHIFT, far - [0.0, 5e3, 0.0]))
+
+
+def test_points_in_metres_and_a_foreign_surface_are_remarked():
+    rows = BONE.vertices[[10, 400, 900, 1200]]
+    transfer = Transfer(CARRIER, TransferSettings())
+    assert transfer.points(rows).notes == ()
+    small = transfer.points(rows / 1000.0 + [0.0, 3.0, 200.0])
+    assert any("metres" in note for note in small.notes)
+    assert transfer.points(BONE.corners[5]).notes == ()  # a small site on the bone
+    other = TARGET.moved(TARGET.vertices + [0.0, 40.0, 0.0])
+    laid = Transfer(CARRIER, TransferSettings(), other).points(rows)
+    assert any("is it the right one" in note for note in laid.notes)
+    assert Transfer(CARRIER, TransferSettings(), TARGET).points(rows).notes == ()
 
 
 def test_what_cannot_be_is_refused():
@@ -200,6 +224,8 @@ def test_the_table_has_what_each_landmark_is_worth(files, capsys):
     assert code == 0
     assert table.read_text().splitlines()[0].startswith("name,x,y,z,distance,residual,stretch")
     assert "0.250" in said  # the residual
+    code, said, _ = run(capsys, "transfer", files / "f.npz", files / "site.stl", "-o", files / "out2")
+    assert f": {len(site().vertices)} points" in said  # not three for each triangle of the STL file
     assert landmarkfiles.read(table).names == ("a", "b", "c")
 
 
@@ -278,6 +304,15 @@ def test_a_landmark_far_from_the_bone_is_told_with_its_distance(files, capsys):
     assert "'far' (" in err and "'near'" not in err
 
 
+def test_notes_of_the_command_line_name_its_options(subjects, tmp_path, capsys):
+    folder, _ = subjects
+    bone = meshfiles.read(folder / "one.ply").surface()
+    meshfiles.write(tmp_path / "small.ply", MeshFile.of(bone.moved(bone.vertices / 1000.0)))
+    args = [tmp_path / "small.ply", folder / "target.ply", "-o", tmp_path / "o.ply"]
+    err = run(capsys, "morph", *args)[2]
+    assert "--fix-units" in err and "tick" not in err
+
+
 # --- femors landmarks -----------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def subjects(tmp_path_factory) -> tuple[Path, np.ndarray]:
@@ -341,6 +376,10 @@ def test_known_landmarks_steer(subjects, tmp_path, capsys):
         (["target.ply", "-o", "o.csv"], "1 files are given"),
         (["one.ply", "target.ply", "one.csv", "-o", "o.stl"], "no kind of landmark file"),
         (["one.ply", "target.ply", "one.csv", "-o", "one.csv"], "also an input"),
+        (
+            ["one.ply", "target.ply", "one.csv", "-o", "o.csv", "-t", "one.ply", "one.csv"],
+            "the same template",
+        ),
         (["one.ply", "target.ply", "gone.csv", "-o", "o.csv"], "gone.csv"),
         (["one.ply", "target.ply", "one.csv", "-o", "o.csv", "-t", "two.ply", "plain.csv"], "some have none"),
         (["one.ply", "target.ply", "one.csv", "-o", "o.csv", "--known", "plain.csv"], "shares 0 name"),

@@ -13,7 +13,9 @@ from ..operators.job import JobOperator
 from .figures import draw_sentence, length_unit, number
 from .panels import FemorsPanel, draw_own_job
 
-COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "stretch"), ("spread", "spread"))
+COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "scale"), ("spread", "spread"))
+NAMES = 0.36  # of the table's width; with more columns less
+SCROLLBAR = 1.4  # its width and the frame's, in Blender's units
 LENGTHS = ("distance", "residual", "spread")
 
 
@@ -29,7 +31,7 @@ class FEMORS_UL_marks(bpy.types.UIList):
         for name, _ in columns(data):
             value = getattr(item, name)
             unknown = (name == "spread" and value < 0) or (name == "residual" and not np.isfinite(value))
-            cells.append("-" if unknown else number(value * (factor if name in LENGTHS else 1.0)))
+            cells.append("-" if unknown else short(value * (factor if name in LENGTHS else 1.0)))
         draw_cells(layout, item.name, cells)
 
     def filter_items(self, context, data, name):
@@ -67,9 +69,17 @@ def columns(form: Any) -> tuple[tuple[str, str], ...]:
     return COLUMNS if any(mark.spread >= 0 for mark in form.marks) else COLUMNS[:-1]
 
 
+def short(value: float) -> str:
+    """Return two significant digits, or all before the point: what a narrow column holds."""
+    text = number(value)
+    if len(text) < 5:
+        return text
+    return f"{value:.0f}" if abs(value) >= 10 else f"{float(f'{value:.2g}'):g}"
+
+
 def draw_cells(layout: bpy.types.UILayout, title: str, cells: list[str]) -> None:
     """Draw a name and right-aligned cells."""
-    rest = layout.split(factor=0.34, align=True)
+    rest = layout.split(factor=NAMES if len(cells) < 4 else NAMES - 0.06, align=True)
     rest.label(text=title)
     for left in range(len(cells), 0, -1):  # columns of one width, whatever stands in them
         if left > 1:
@@ -124,15 +134,20 @@ class FEMORS_PT_marks(FemorsPanel, bpy.types.Panel):
         """Draw the table, and the button that writes it."""
         layout, form = self.layout, context.scene.femors_transfer
         _, unit = length_unit(context.scene.unit_settings)
-        row = layout.row()
-        row.label(text=f"{form.title} ({unit})")
+        words = layout.column()
+        words.scale_y = 0.8
+        words.label(text=form.title)
+        words.label(text=f"lengths in {unit}")
         row = layout.row()
         row.use_property_split = True
         row.use_property_decorate = False
         row.prop(form, "sort", text="Sort by")
-        head = layout.row()
+        head = layout.row(align=True)
         head.scale_y = 0.7
-        draw_cells(head, "Name", [title for _, title in columns(form)])
+        draw_cells(head.row(), "Name", [title for _, title in columns(form)])
+        beside = head.row()
+        beside.ui_units_x = SCROLLBAR
+        beside.label(text="")
         layout.template_list("FEMORS_UL_marks", "", form, "marks", form, "mark", rows=6)
         export = layout.operator("femors.export_landmarks", text="Export Table", icon="EXPORT")
         export.use_table = export.use_figures = True

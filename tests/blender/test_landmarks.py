@@ -229,3 +229,13 @@ def test_point_clouds_are_carried(pair, tools, core):
     out = np.empty(3 * len(points), dtype=np.float32)
     bpy.data.objects[f"{name} carried"].data.attributes["position"].data.foreach_get("vector", out)
     np.testing.assert_allclose(out.reshape(-1, 3), carrier.carry(points).points, atol=1e-5)
+
+
+def test_a_flat_parent_is_told_and_nothing_is_left(pair, tmp_path, tools):
+    pair[0].scale.z = 0.0
+    bpy.context.view_layer.update()
+    (tmp_path / "m.csv").write_text("a,1,2,3\n")
+    before = tools.census()
+    with pytest.raises(RuntimeError, match="'Femur' is scaled to zero"):
+        bpy.ops.femors.import_landmarks(filepath=str(tmp_path / "m.csv"), object="Femur")
+    assert tools.census() == before

@@ -116,6 +116,24 @@ def test_the_table_lists_the_landmarks(morphed):
     assert all(mark.spread == -1.0 for mark in marks)
 
 
+def test_a_second_transfer_moves_the_empties_of_the_first(morphed):
+    title = f"{FIELD} landmarks"
+    bpy.ops.femors.transfer(field=FIELD, use_empties=True)
+    collection = bpy.data.collections[title]
+    where = {item.name: tuple(item.matrix_world.translation) for item in collection.objects}
+    collection.objects[0].location = (9.0, 9.0, 9.0)
+    bpy.ops.femors.transfer(field=FIELD, use_empties=True)
+    assert [c.name for c in bpy.data.collections if c.name.startswith(title)] == [title]
+    assert {item.name: tuple(item.matrix_world.translation) for item in collection.objects} == where
+
+
+def test_a_landmark_keeps_the_weight_of_its_group(morphed):
+    source, target, _ = morphed
+    put_group(source, "weak", {50: 0.25})
+    bpy.ops.femors.transfer(field=FIELD, groups="weak;tip")
+    assert weights_of(target, "weak").max() == 0.25 and weights_of(target, "tip").max() == 1.0
+
+
 def test_a_second_transfer_writes_its_groups_anew_and_touches_no_other(morphed):
     _, target, _ = morphed
     put_group(target, "tip", {0: 0.5})
@@ -158,6 +176,20 @@ def test_the_median_of_several_templates(morphed, tools):
     )
     np.testing.assert_allclose(mark.point, (one + two) / 2, atol=1e-4)
     assert mark.spread == pytest.approx(np.linalg.norm(one - two) / 2, abs=1e-4)
+
+
+def test_a_source_counts_once_and_one_that_is_gone_is_passed_over(morphed, tools):
+    """Its two fields would agree with each other, and the spread be nothing."""
+    bpy.ops.femors.morph(source="Femur", target="Scan")
+    other = tools.add_object("Other", *tools.sphere(12, 18, (0.9, 0.85, 2.1)))
+    put_group(other, "tip", {40: 1.0})
+    bpy.ops.femors.morph(source="Other", target="Scan")
+    marks = bpy.context.scene.femors_transfer.marks
+    assert bpy.ops.femors.transfer(field=FIELD, groups="tip", use_templates=True) == {"FINISHED"}
+    assert marks["tip"].templates == 2 and marks["tip"].spread > 0
+    bpy.data.objects.remove(other)
+    assert bpy.ops.femors.transfer(field=FIELD, groups="tip", use_templates=True) == {"FINISHED"}
+    assert marks["tip"].templates == 1 and marks["tip"].spread == -1.0
 
 
 # --- objects --------------------------------------------------------------------------------------
@@ -250,6 +282,27 @@ def test_empties_curves_and_bones_go_where_points_go(morphed, truth):
     np.testing.assert_allclose(armature.bones["Shaft"].head_local, (0, 0, -1.5), atol=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["EMPTY", "MESH"])
+def test_a_copy_is_not_held_back_by_constraints(morphed, tools, truth, kind):
+    anchor = bpy.data.objects.new("Anchor", None)
+    anchor.location = (0.9, 0.1, 0.4)
+    if kind == "EMPTY":
+        item = bpy.data.objects.new("Held", None)
+        bpy.context.scene.collection.objects.link(item)
+    else:
+        item = tools.add_object("Held", *tools.sphere(6, 8, (0.1, 0.1, 0.1)))
+    bpy.context.scene.collection.objects.link(anchor)
+    item.constraints.new("COPY_LOCATION").target = anchor
+    bpy.context.view_layer.update()
+    before = np.array([item.matrix_world.translation]) if kind == "EMPTY" else tools.world(item)
+    assert np.linalg.norm(before[0]) > 0.5
+    copy = moved("Held")
+    bpy.context.view_layer.update()
+    after = np.array([copy.matrix_world.translation]) if kind == "EMPTY" else tools.world(copy)
+    np.testing.assert_allclose(after, truth(before), atol=1e-5)
+    assert len(item.constraints) == 1
+
+
 def test_empties_that_are_carried_are_landmarks(morphed, tools, truth):
     """They keep their names, get their figures, and stand in the table; one far away is told."""
     source = morphed[0]
@@ -299,6 +352,55 @@ def test_groups_empties_and_the_command_line_agree(morphed, tools, tmp_path, par
     np.testing.assert_allclose(seen, line, atol=5e-7)
     table = [tuple(mark.point) for mark in bpy.context.scene.femors_transfer.marks]
     np.testing.assert_allclose(table, line, atol=5e-7)
+
+
+def test_the_routes_agree_at_the_scale_of_a_bone(empty, tools, tmp_path, part):
+    """Blender's numbers are single precision: 2e-5 mm at 400 mm, and some roundings of them."""
+    shapes = part("femors_addon.shapes")
+    bone, other = shapes.bone(700), shapes.bone(700, lattice=1)
+    goal = shapes.warp(other.vertices, ("bend", 0.15), ("twist", 0.1)) + [90.0, 0, 0]
+    source = tools.add_object("Femur", bone.vertices, bone.faces.tolist())
+    target = tools.add_object("Scan", goal, other.faces.tolist())
+    bpy.context.view_layer.update()
+    rows = list(range(0, 700, 100))
+    before = tools.world(source)
+    for row in rows:
+        put_group(source, f"v{row}", {row: 1.0})
+        mark = bpy.data.objects.new(f"e{row}", None)
+        mark.location = before[row]
+        bpy.context.scene.collection.objects.link(mark)
+    near = np.linalg.norm(before - before[300], axis=1) < 25
+    faces = bone.faces[near[bone.faces].all(axis=1)]
+    tools.add_object("Site", before[np.unique(faces)], np.searchsorted(np.unique(faces), faces).tolist())
+    bpy.context.view_layer.update()
+    bpy.ops.femors.morph(source="Femur", target="Scan")
+    bpy.ops.femors.transfer(field=FIELD, use_empties=True)
+    names = ";".join(["Site", *(f"e{row}" for row in rows)])
+    bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects=names)
+    (tmp_path / "f.npz").write_bytes(bytes(bpy.data.texts[FIELD]["femors_field"]))
+    np.savetxt(tmp_path / "marks.csv", before[rows], delimiter=",", fmt="%.17g")
+    site = bpy.data.objects["Site"]
+    lines = ["v {:.17g} {:.17g} {:.17g}".format(*point) for point in tools.world(site)]
+    lines += ["f " + " ".join(str(v + 1) for v in face.vertices) for face in site.data.polygons]
+    (tmp_path / "site.obj").write_text("\n".join([*lines, ""]))
+    args = [str(tmp_path / name) for name in ("f.npz", "marks.csv", "site.obj")]
+    assert part("femors_addon.cli").main(["transfer", *args, "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    line = np.loadtxt(tmp_path / "out" / "marks.csv", delimiter=",")
+    empties = list(bpy.data.collections[f"{FIELD} landmarks"].objects)
+    seen = [tuple(item.matrix_world.translation) for item in empties]
+    np.testing.assert_allclose(seen, line, atol=1e-4)
+    carried = [tuple(bpy.data.objects[f"e{row} carried"].matrix_world.translation) for row in rows]
+    np.testing.assert_allclose(carried, line, atol=1e-4)
+    points = tools.world(target)
+    for row, place in zip(rows, line, strict=True):
+        nearest = np.argmin(np.linalg.norm(points - place, axis=1))
+        assert weights_of(target, f"v{row}")[nearest] == 1.0
+    written = [
+        row.split()[1:] for row in (tmp_path / "out" / "site.obj").read_text().splitlines() if row[:2] == "v "
+    ]
+    np.testing.assert_allclose(
+        tools.world(bpy.data.objects["Site carried"]), np.array(written, float), atol=1e-4
+    )
 
 
 # --- refused --------------------------------------------------------------------------------------
@@ -362,6 +464,35 @@ def test_a_damaged_field_is_told(morphed):
     text["femors_field"] = data[: len(data) // 2]
     with pytest.raises(RuntimeError, match="cut short"):
         bpy.ops.femors.transfer()
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_source_that_was_moved_is_told_so(morphed, moved):
+    source = morphed[0]
+    if moved:
+        source.location.x += 5.0
+    else:
+        source.scale = (1.3, 1.3, 1.3)
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match=r"'Femur' was moved since" if moved else r"moved or edited since"):
+        bpy.ops.femors.transfer()
+
+
+@pytest.mark.parametrize("options", [{}, {"what": "OBJECTS", "objects": "Site", "project": True}])
+@pytest.mark.parametrize("edited", [False, True])
+def test_a_target_that_was_moved_or_edited_is_told_so(morphed, tools, edited, options):
+    target = morphed[1]
+    tools.add_object("Site", *tools.sphere(6, 8, (0.1, 0.1, 0.1)))
+    if edited:
+        for vertex in target.data.vertices:
+            vertex.co.z *= 1.1
+    else:
+        target.location.z += 0.2
+    bpy.context.view_layer.update()
+    before = state(tools)
+    with pytest.raises(RuntimeError, match=r"'Scan' was moved or edited since the morph \(it is"):
+        bpy.ops.femors.transfer(**options)
+    assert state(tools) == before
 
 
 # --- steering -------------------------------------------------------------------------------------
