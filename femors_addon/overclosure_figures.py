@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The figures of a body after a removal: how far it moved, what it lost, how its elements are."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import booleans
+from .bodies import Solid
+from .contact import Region
+from .intersect import crossings, piercings
+from .mesh import Float, Surface
+from .nearest import SurfaceIndex
+from .quality import Stat, aspect_ratio, dihedral_angles
+from .separation import thickness
+from .volume import Ids, VolumeMesh
+from .volume_quality import VolumeQuality
+
+if TYPE_CHECKING:
+    from .effort import Effort
+
+SAMPLE = 100  # nodes of a body at which its thickness is measured
+RAY = 2.5  # mean thicknesses: how far the other side is looked for
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BodyResult:
+    """A body after a removal.
+
+    Attributes
+    ----------
+    name, share : str, float
+    mesh : Surface or VolumeMesh
+        At its new positions; the very object that was given where nothing moved.
+    nodes : (n, 3) float64
+        Positions, in the body's own order; what did not move has the very bits that were given.
+    moved : int
+        Nodes that moved.
+    movement : Stat
+        Distances that those moved, in the unit of the coordinates.
+    aspect, dihedral : (Stat, Stat)
+        Aspect ratio and dihedral face angle (degrees) of the surface, before and after.
+    volume : (float, float)
+        Enclosed by the surface, before and after.
+    xor : float or None
+        Volume that is in one of the old and the new shape only, as a share of the old volume; None
+        where it could not be computed.
+    thickness : (Stat, Stat) or None
+        Through the body, from nodes that were in contact along their normals, before and after.
+    thinned : float
+        Largest share of its thickness that such a node has lost.
+    settled : Stat or None
+        Distance from the nodes that were too near to the body that they were too near to, afterwards.
+    elements : (VolumeQuality, VolumeQuality) or None
+        Of the solid elements that were valid on input, before and after.
+    inverted_input, inverted_new : (k,) int64
+        Ids of elements inverted from the start, and by the removal.
+    held : int
+        Nodes that were held back on their way, so that no element is inverted.
+    folded : int
+        Faces that cross others of the same body now, and did not before.
+    """
+
+    name: str
+    share: float
+    mesh: Surface | VolumeMesh
+    nodes: Float
+    moved: int
+    movement: Stat
+    aspect: tuple[Stat, Stat]
+    dihedral: tuple[Stat, Stat]
+    volume: tuple[float, float]
+    xor: float | None
+    thickness: tuple[Stat, Stat] | None
+    thinned: float
+    settled: Stat | None
+    elements: tuple[VolumeQuality, VolumeQuality] | None
+    inverted_input: Ids
+    inverted_new: Ids
+    held: int
+    folded: int
+
+    def report(self) -> dict[str, Any]:
+        """Return everything but meshes and arrays, for JSON."""
+        pairs = {
+            name: None if pair is None else {"before": pair[0].as_dict(), "after": pair[1].as_dict()}
+            for name, pair in (
+                ("aspect", self.aspect),
+                ("dihedral", self.dihedral),
+                ("thickness", self.thickness),
+                ("scaled_jacobian", self.elements),
+            )
+        }
+        return {
+            "name": self.name,
+            "share": self.share,
+            "rigid": self.share == 0.0,
+            "nodes": len(self.nodes),
+            "nodes_moved": self.moved,
+            "movement": self.movement.as_dict(),
+            **pairs,
+            "volume": {"before": self.volume[0], "after": self.volume[1]},
+            "xor": self.xor,
+            "thickness_lost": self.thinned,
+            "settled": None if self.settled is None else self.settled.as_dict(),
+            "inverted_on_input": self.inverted_input.tolist(),
+            "newly_inverted": self.inverted_new.tolist(),
+            "nodes_held_back": self.held,
+            "newly_self_crossing": self.folded,
+        }
+
+    def __str__(self) -> str:
+        if not self.moved:
+            return f"{self.name}: {'rigid' if self.share == 0 else 'not moved'}"
+        words = [f"{self.moved} of {len(self.nodes)} nodes moved by up to {self.movement.maximum:.4g}"]
+        if self.xor is not None:
+            words.append(f"XOR {100 * self.xor:.3g} %")
+        if self.settled is not None:
+            low, high = self.settled.p01, self.settled.p99
+            words.append(f"contact at {self.settled.median:.3g} [{low:.3g}, {high:.3g}]")
+        if self.thickness is not None:
+            words.append(f"thinned by up to {100 * self.thinned:.0f} %")
+        if self.elements is not None:
+            before, after = self.elements
+            words.append(f"scaled Jacobian min {before.minimum:.3f} -> {after.minimum:.3f}")
+        if len(self.inverted_input):
+            words.append(f"{len(self.inverted_input)} elements inverted before are left alone")
+        return f"{self.name}: {', '.join(words)}"
+
+    # --- made from the bodies at work ---------------------------------------------------------------------
+
+
+def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
+    """Return the figures of a body, from where it began to where it is."""
+    old, new, nodes = solid.begun_surface, solid.surface, solid.nodes
+    distance = np.linalg.norm(nodes - solid.body.nodes, axis=1)
+    moved = distance > 0
+    touched, settled = _contact(solid, efforts)
+    thickness, thinned = _thickness(old, new, touched) if moved.any() else (None, 0.0)
+    elements = None
+    if solid.mesh is not None and solid.mesh.solid:
+        valid = np.ones(solid.mesh.element_count, dtype=bool)
+        valid[solid.inverted_input] = False
+        elements = (
+            VolumeQuality.of(solid.mesh, valid),
+            VolumeQuality.of(solid.mesh.moved(nodes), valid),
+        )
+    ids = np.zeros(0, np.int64) if solid.mesh is None else solid.mesh.element_ids
+    xor = booleans.xor_volume(old, new) if moved.any() else 0.0
+    same = not moved.any()
+    aspect, dihedral = Stat.of(aspect_ratio(old)), Stat.of(dihedral_angles(old))
+    return BodyResult(
+        name=solid.name,
+        share=solid.share,
+        mesh=solid.result,
+        nodes=nodes,
+        moved=int(moved.sum()),
+        movement=Stat.of(distance[moved]),
+        aspect=(aspect, aspect if same else Stat.of(aspect_ratio(new))),
+        dihedral=(dihedral, dihedral if same else Stat.of(dihedral_angles(new))),
+        volume=(old.volume, new.volume),
+        xor=None if xor is None or not old.volume > 0 else xor / old.volume,
+        thickness=thickness,
+        thinned=thinned,
+        settled=None if same or not len(settled) else Stat.of(settled),
+        elements=elements,
+        inverted_input=np.asarray(ids[solid.inverted_input]),
+        inverted_new=np.asarray(ids[solid.inverted_new()]),
+        held=len(solid.held),
+        folded=0 if same else _folded(old, new),
+    )
+
+
+def _contact(solid: Solid, efforts: Sequence[Effort]) -> tuple[np.ndarray, Float]:
+    """Return the vertices of a body that were too near another, and how far from it they are now."""
+    rows, gaps = [np.zeros(0, np.int64)], [np.zeros(0)]
+    for effort in efforts:
+        for side in effort.pair.sides:
+            mine = np.flatnonzero(side.ever) if side.body is solid else rows[0]
+            if len(mine):
+                rows.append(mine)
+                gaps.append(SurfaceIndex(side.other.surface).signed(solid.vertices[mine]))
+    return np.unique(np.concatenate(rows)), np.concatenate(gaps)
+
+
+def _folded(old: Surface, new: Surface) -> int:
+    """Return how many faces, of those that moved, cross others that moved and did not before."""
+    moved = (old.vertices != new.vertices).any(axis=1)[new.faces].any(axis=1)
+    one, two = (Surface(s.vertices, s.faces[moved]) for s in (old, new))
+    after = crossings(two, two)
+    if not len(after):
+        return 0
+    return len(np.setdiff1d(np.unique(after), np.unique(crossings(one, one))))
+
+
+def _thickness(old: Surface, new: Surface, rows: np.ndarray) -> tuple[tuple[Stat, Stat] | None, float]:
+    """Thickness of a body inward from vertices (k,), before and after, and the largest share lost."""
+    rows = rows[:: max(1, -(-len(rows) // SAMPLE))]
+    if not len(rows):
+        return None, 0.0
+    before, after = (_through(surface, rows) for surface in (old, new))
+    both = np.isfinite(before) & np.isfinite(after)
+    if not both.any():
+        return None, 0.0
+    before, after = before[both], after[both]
+    return (Stat.of(before), Stat.of(after)), float(max(0.0, (1.0 - after / before).max()))
+
+
+def _through(surface: Surface, rows: np.ndarray) -> Float:
+    """Distance (k,) from vertices straight inward to the other side; infinite where there is none.
+
+    Each ray is an edge of a thin triangle, so that `piercings` finds what it meets.
+    """
+    start, inward = surface.vertices[rows], -surface.vertex_normals[rows]
+    length = RAY * thickness(surface)
+    across = np.cross(inward, np.roll(inward, 1, axis=1) + [0.3, 0.5, 0.7])
+    near = start + 1e-6 * length * inward
+    tips = np.concatenate((near, start + length * inward, near + 1e-9 * length * across))
+    count = len(rows)
+    needles = Surface(tips, np.arange(3 * count).reshape(3, count).T)
+    box = tips.min(axis=0), tips.max(axis=0)
+    found = piercings(needles, Region.of(surface, *box).surface)
+    ends = needles.edges[found.edge]
+    ray = (ends[:, 0] < count) & (ends[:, 1] == ends[:, 0] + count)  # from the near end to the far one
+    out = np.full(count, np.inf)
+    np.minimum.at(out, ends[ray, 0], found.t[ray] * length)
+    return out
