@@ -532,7 +532,7 @@ def test_names_and_numbers_that_make_no_sense(balls, tools, check):
     refused("Exclude: 'Ball' is not a pair", tools, operator, exclude="Ball")
     refused("Gaps: 'Ball,Far' is not a pair", tools, operator, gaps="Ball,Far=1")
     refused("Gaps: .* number", tools, operator, gaps="Ball,Cup=wide")
-    refused("cannot be negative", tools, operator, gaps="Ball,Cup=-1")
+    refused("must be from 0 to", tools, operator, gaps="Ball,Cup=-1")
     refused("Minimum gap: -0.5 is outside", tools, operator, gap=-0.5)
     refused("Minimum gap: nan is outside", tools, operator, gap=float("nan"))
 
