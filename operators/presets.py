@@ -13,6 +13,7 @@ from ..femors_addon.morph_settings import MorphSettings
 from ..femors_addon.settings import specs
 
 FOLDER = "femors/morph"
+FORM = "bpy.context.scene.femors"
 
 
 class FEMORS_MT_presets(bpy.types.Menu):
@@ -32,11 +33,15 @@ class FEMORS_OT_preset_add(AddPresetBase, bpy.types.Operator):
     bl_label = "Save Morph Preset"
     preset_menu = "FEMORS_MT_presets"
     preset_subdir = FOLDER
-    preset_defines: ClassVar[list[str]] = ["form = bpy.context.scene.femors"]
-    # the built-in preset comes first: choosing it fills in what then follows
+    # Whole paths and no `preset_defines`: an older Blender on Python 3.13 cannot evaluate those.
+    # The built-in preset comes first: choosing it fills in what then follows.
     preset_values: ClassVar[list[str]] = [
-        f"form.{name}" for name in sorted(specs(MorphSettings), key=lambda name: name != "preset")
-    ] + ["form.result", "form.use_evaluated", "form.hide_target"]
+        f"{FORM}.{name}"
+        for name in (
+            *sorted(specs(MorphSettings), key=lambda name: name != "preset"),
+            *("result", "use_evaluated", "hide_target"),
+        )
+    ]
 
     name: bpy.props.StringProperty(
         name="Name", description="Name of the preset", maxlen=64, options={"SKIP_SAVE"}
