@@ -193,13 +193,19 @@ class FEMORS_OT_select_bad_faces(bpy.types.Operator):
         mesh.polygons.foreach_get("loop_total", sizes)
         vertices = np.zeros(len(mesh.vertices), dtype=bool)
         vertices[corners[np.repeat(bad, sizes)]] = True
-        mesh.vertices.foreach_set("select", vertices)
-        mesh.edges.foreach_set("select", np.zeros(len(mesh.edges), dtype=bool))
-        mesh.polygons.foreach_set("select", bad)
+        _select(mesh, ".select_vert", "POINT", vertices)
+        _select(mesh, ".select_edge", "EDGE", np.zeros(len(mesh.edges), dtype=bool))
+        _select(mesh, ".select_poly", "FACE", bad)
         context.tool_settings.mesh_select_mode = (False, False, True)
         bpy.ops.object.mode_set(mode="EDIT")
         self.report({"INFO"}, f"{int(bad.sum())} bad faces of '{item.name}' are selected")
         return {"FINISHED"}
+
+
+def _select(mesh: bpy.types.Mesh, name: str, domain: str, chosen: np.ndarray) -> None:
+    """Write a selection as the attribute that it is: the edges' own ``select`` crashes Blender 5.0.1."""
+    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "BOOLEAN", domain)
+    attribute.data.foreach_set("value", chosen)
 
 
 classes = (FEMORS_OT_quality, FEMORS_OT_select_bad_faces)
