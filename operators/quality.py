@@ -194,7 +194,6 @@ class FEMORS_OT_select_bad_faces(bpy.types.Operator):
         vertices = np.zeros(len(mesh.vertices), dtype=bool)
         vertices[corners[np.repeat(bad, sizes)]] = True
         _select(mesh, ".select_vert", "POINT", vertices)
-        _select(mesh, ".select_edge", "EDGE", np.zeros(len(mesh.edges), dtype=bool))
         _select(mesh, ".select_poly", "FACE", bad)
         context.tool_settings.mesh_select_mode = (False, False, True)
         bpy.ops.object.mode_set(mode="EDIT")
@@ -203,9 +202,12 @@ class FEMORS_OT_select_bad_faces(bpy.types.Operator):
 
 
 def _select(mesh: bpy.types.Mesh, name: str, domain: str, chosen: np.ndarray) -> None:
-    """Write a selection as the attribute that it is: the edges' own ``select`` crashes Blender 5.0.1."""
+    """Write a selection as the attribute that it is; edges follow the faces in Edit Mode.
+
+    Setting the edges' own ``select`` crashes Blender 5.0.1.
+    """
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "BOOLEAN", domain)
-    attribute.data.foreach_set("value", chosen)
+    attribute.data.foreach_set("value", chosen.tolist())
 
 
 classes = (FEMORS_OT_quality, FEMORS_OT_select_bad_faces)
