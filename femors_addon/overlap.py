@@ -66,7 +66,8 @@ def overlap(first: Surface, second: Surface, lines: int = LINES) -> Overlap:
     found = np.array([_along(axis, first, second, low, high, cell) for axis in range(3)])
     one, two, common = found.mean(axis=0)
     xor = found[:, 0] + found[:, 1] - 2.0 * found[:, 2]
-    return Overlap(float(one), float(two), float(common), float(xor.mean()), float(np.ptp(xor) / 2.0))
+    apart = max(0.0, float(xor.mean()))  # of two that are the same, rounding may be below nothing
+    return Overlap(float(one), float(two), float(common), apart, float(np.ptp(xor) / 2.0))
 
 
 def _along(axis: int, first: Surface, second: Surface, low: Float, high: Float, cell: float) -> Float:

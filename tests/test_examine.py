@@ -78,7 +78,7 @@ def test_an_open_mesh_has_no_volume_and_says_so(bone):
 def test_the_figures_are_json_and_readable(bone):
     found = examine(bone, bone)
     text = json.dumps(found.as_dict(), allow_nan=False)
-    assert json.loads(text)["against"]["overlap"]["xor"] == 0.0
+    assert 0.0 <= json.loads(text)["against"]["overlap"]["xor"] <= 1e-12 * bone.volume  # rounding
     assert "XOR volume" in found.summary() and "dihedral" in found.summary()
 
 
