@@ -108,11 +108,6 @@ class Pair:
         """Both names."""
         return self.one.name, self.two.name
 
-    @property
-    def size(self) -> float:
-        """Mean edge of the coarser surface."""
-        return max(self.one.surface.mean_edge, self.two.surface.mean_edge)
-
     def look(self, reach: float) -> None:
         """Measure all gaps anew that may be below `reach`."""
         one, two = self.sides

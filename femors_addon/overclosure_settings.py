@@ -48,7 +48,7 @@ class OverclosureSettings:
     spread_end: float = setting(
         1.15,
         "Last spread",
-        "Last spread of the field, in mean edges of the finer body",
+        "Last spread of the field, in mean edges of the finer body that moves",
         minimum=0.75,
         maximum=10.0,
         unit="factor",
