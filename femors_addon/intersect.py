@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .mesh import Float, Int, Surface
+from .vectors import cross, dot
 
 Index = NDArray[np.int64]
 
@@ -123,7 +124,7 @@ class _Planes:
         out = []
         for s in surfaces:
             sides = [s.corners[:, i] - s.corners[:, i - 1] for i in range(3)]
-            longest = np.max([_dot(side, side) for side in sides], axis=0)
+            longest = np.maximum.reduce([dot(side, side) for side in sides])
             area = 2.0 * s.face_areas
             # a face without area has no plane: nothing is ever off it
             tolerance = np.full(len(area), np.inf)
@@ -177,15 +178,11 @@ def _pierced(
     u = one.vertices[ends[:, 0]]
     along, corners = one.vertices[ends[:, 1]] - u, two.corners[g[row]] - u[:, None]
     # signed volumes of (edge, side of the face): exactly negated when seen from the face beyond the side
-    volumes = [_dot(along, np.cross(corners[:, i], corners[:, (i + 1) % 3])) for i in range(3)]
+    volumes = [dot(along, cross(corners[:, i], corners[:, (i + 1) % 3])) for i in range(3)]
     inside = (np.min(volumes, axis=0) >= 0) | (np.max(volumes, axis=0) <= 0)
     if same:
         inside &= ~(two.faces[g[row]][:, :, None] == ends[:, None, :]).any(axis=(1, 2))
     return row[inside], ends[inside], t[inside]
-
-
-def _dot(a: Float, b: Float) -> Float:
-    return np.einsum("ij,ij->i", a, b)
 
 
 # --- candidates -------------------------------------------------------------------------------------
@@ -235,7 +232,7 @@ def _overlapping(one: _Balls, two: _Balls) -> Iterator[tuple[Index, Index]]:
         pairs = one.tree.query_pairs(reach, output_type="ndarray")
         f, g = pairs[:, 0], pairs[:, 1]
         apart = one.tree.data[f] - one.tree.data[g]
-        near = _dot(apart, apart) <= (one.radius[f] + one.radius[g]) ** 2 * (1 + 1e-9)
+        near = dot(apart, apart) <= (one.radius[f] + one.radius[g]) ** 2 * (1 + 1e-9)
         yield f[near], g[near]
         return
     for rows in np.split(order, (np.flatnonzero(np.diff(block)) + 1) * stride):
@@ -294,7 +291,7 @@ def _halved(corners: Float) -> Float:
     """Cut each face (m, 3, 3) at the middle of its longest side: first halves, then second halves."""
     rows = np.arange(len(corners))
     sides = [corners[:, (i + 1) % 3] - corners[:, i] for i in range(3)]
-    start = np.argmax([_dot(side, side) for side in sides], axis=0)
+    start = np.argmax([dot(side, side) for side in sides], axis=0)
     stop = (start + 1) % 3
     middle = 0.5 * (corners[rows, start] + corners[rows, stop])
     one, two = corners.copy(), corners.copy()

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
-from .mesh import Float, Int, Surface, edge_matrix, unit
+from .mesh import Float, Int, Surface, edge_matrix
+from .vectors import unit
 
 Implicit = Callable[[Float], Float]
 """Signed, roughly distance-like value (p,) at points (p, 3): negative inside."""

@@ -12,8 +12,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from .progress import FemorsError
+from .vectors import Float, cross, dot, lengths, unit
 
-Float = NDArray[np.float64]
 Int = NDArray[np.int32]
 
 TOPOLOGY = ("edges", "edge_faces", "border", "components", "adjacency", "vertex_faces", "corner_order")
@@ -81,18 +81,18 @@ class Surface:
     @cached_property
     def corners(self) -> Float:
         """(m, 3, 3) the corner positions of each face."""
-        return self.vertices[self.faces]
+        return self.vertices.take(self.faces, axis=0)
 
     @cached_property
     def face_cross(self) -> Float:
         """(m, 3) face normals scaled by twice the area."""
         a, b, c = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
-        return np.cross(b - a, c - a)
+        return cross(b - a, c - a)
 
     @cached_property
     def face_areas(self) -> Float:
         """(m,) areas."""
-        return 0.5 * np.linalg.norm(self.face_cross, axis=1)
+        return 0.5 * lengths(self.face_cross)
 
     @cached_property
     def face_normals(self) -> Float:
@@ -102,11 +102,7 @@ class Surface:
     @cached_property
     def vertex_normals(self) -> Float:
         """(n, 3) area-weighted unit normals; zero where no face is."""
-        total = np.empty_like(self.vertices)
-        for axis in range(3):
-            weights = np.repeat(self.face_cross[:, axis], 3)
-            total[:, axis] = np.bincount(self.faces.ravel(), weights, minlength=len(self.vertices))
-        return unit(total)
+        return unit(self.vertex_faces @ self.face_cross)
 
     @cached_property
     def bounds(self) -> tuple[Float, Float]:
@@ -125,7 +121,7 @@ class Surface:
     def mean_edge(self) -> float:
         """Mean length of the edges."""
         a, b = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
-        return float(np.linalg.norm(a - b, axis=1).mean()) if len(a) else 0.0
+        return float(lengths(a - b).mean()) if len(a) else 0.0
 
     @cached_property
     def volume(self) -> float:
@@ -133,7 +129,7 @@ class Surface:
         if not len(self.faces):
             return 0.0
         a, b, c = np.moveaxis(self.corners - self.vertices.mean(axis=0), 1, 0)
-        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+        return float(dot(a, cross(b, c)).sum() / 6.0)
 
     # --- topology -----------------------------------------------------------------------------
     @cached_property
@@ -197,12 +193,6 @@ class Surface:
         columns = np.repeat(np.arange(m), 3)
         ones = np.ones(3 * m)
         return sparse.csr_matrix((ones, (self.faces.ravel(), columns)), shape=(len(self.vertices), m))
-
-
-def unit(vectors: Float) -> Float:
-    """Normalise the rows of (n, 3); rows of zero length stay zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def edge_matrix(edges: Int, n: int) -> sparse.csr_matrix:
@@ -346,10 +336,11 @@ def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, 
     """Drop faces with a repeated vertex, of no area, or standing twice."""
     a, b, c = faces.T
     corners = positions[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    longest = np.max([np.sum((corners[:, i] - corners[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
+    area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sides = [corners[:, i] - corners[:, i - 1] for i in range(3)]
+    longest = np.maximum.reduce([dot(side, side) for side in sides])
     proper = (a != b) & (b != c) & (c != a)
-    proper &= np.einsum("ij,ij->i", cross, cross) > (1e-12 * longest) ** 2
+    proper &= dot(area, area) > (1e-12 * longest) ** 2
     keep = np.flatnonzero(proper)
     first, _ = unique_rows(np.sort(faces[keep], axis=1))
     kept = keep[np.sort(first)]
@@ -377,7 +368,7 @@ def oriented(surface: Surface) -> tuple[Surface, int]:
     volume = _component_volumes(surface.vertices, faces, component)
     inside = _nesting(surface.vertices, faces, component, volume)
     # a flat flap has no inside; rounding alone must not turn it
-    area = np.bincount(component, np.linalg.norm(surface.face_cross, axis=1))
+    area = np.bincount(component, lengths(surface.face_cross))
     wrong = np.abs(volume) > FLAT * area**1.5
     wrong &= (volume < 0) != (inside % 2 == 1)
     turn = flip != wrong[component]
@@ -428,7 +419,7 @@ def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:
         [np.bincount(component, corners[:, :, k].mean(axis=1)) / count for k in range(3)]
     )
     a, b, c = np.moveaxis(corners - centre[component][:, None, :], 1, 0)
-    return np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c))) / 6.0
+    return np.bincount(component, dot(a, cross(b, c))) / 6.0
 
 
 def _nesting(vertices: Float, faces: Int, component: Int, volume: Float) -> Int:
@@ -441,15 +432,18 @@ def _nesting(vertices: Float, faces: Int, component: Int, volume: Float) -> Int:
     if len(volume) == 1:
         return depth
     largest = np.argsort(-np.abs(volume), kind="stable")[:32]
+    shells = [vertices[faces[component == shell]] for shell in largest]
+    low, high = (np.array([reach(shell, axis=(0, 1)) for shell in shells]) for reach in (np.min, np.max))
     probes = []
-    for shell in largest:
-        corners = faces[component == shell].ravel()
-        probes.append(vertices[corners[np.linspace(0, len(corners) - 1, PROBES).astype(int)]])
-    for shell in largest:
-        winding = winding_number(vertices[faces[component == shell]], np.concatenate(probes))
-        within = (np.abs(winding) > 0.9).reshape(-1, PROBES).all(axis=1)
-        within[largest == shell] = False
-        depth[largest[within]] += 1
+    for shell in shells:
+        corners = shell.reshape(-1, 3)
+        probes.append(corners[np.linspace(0, len(corners) - 1, PROBES).astype(int)])
+    for at, shell in enumerate(shells):
+        inner = np.flatnonzero(((low > low[at]) & (high < high[at])).all(axis=1))
+        if len(inner):
+            winding = winding_number(shell, np.concatenate([probes[i] for i in inner]))
+            within = (np.abs(winding) > 0.9).reshape(-1, PROBES).all(axis=1)
+            depth[largest[inner[within]]] += 1
     return depth
 
 
@@ -461,8 +455,8 @@ def winding_number(corners: Float, points: Float) -> Float:
     out = np.empty(len(points))
     for i, point in enumerate(points):
         a, b, c = np.moveaxis(corners - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        top = np.einsum("ij,ij->i", a, np.cross(b, c))
-        ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+        la, lb, lc = (lengths(v) for v in (a, b, c))
+        top = dot(a, cross(b, c))
+        ab, bc, ca = (dot(u, v) for u, v in ((a, b), (b, c), (c, a)))
         out[i] = np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2 * np.pi)
     return out

@@ -24,6 +24,7 @@ from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transform
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
 from .limits import require_memory
+from .locality import along_space
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
 from .morph_settings import PRESETS, MorphSettings
@@ -92,14 +93,16 @@ def morph(
         clean(target.vertices, target.faces, "target"),
     )
     pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
-    work = _Work.begun(ours, theirs, settings, pairs, progress)
+    levels = _levels(ours.surface, theirs.surface, settings, progress)
+    ours, theirs = along_space(ours), along_space(theirs)
+    work = _Work.begun(ours.surface, theirs.surface, levels, settings, pairs, progress)
     weight = _clean_weights(weights, ours, len(source.vertices))
     # whatever may move at all is morphed as a whole, and takes its share of it in the end
     free = None if weight is None else (weight > 0).astype(float)
     watch = Watch(preview, source.vertices, ours, work.alignment.matrix, work.sources)
     watch.dense(np.zeros_like(work.aligned.vertices))
     displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
-    displacement, left = settle(
+    displacement, left, landed = settle(
         work.rest,
         work.aligned,
         displacement,
@@ -129,6 +132,7 @@ def morph(
         (ours, theirs),
         (work.alignment.matrix, work.aligned, work.index),
         field,
+        landed,
         settings,
         tuple(history),
         left,
@@ -174,37 +178,44 @@ class _Work:
     @classmethod
     def begun(
         cls,
-        ours: Cleaned,
-        theirs: Cleaned,
+        source: Surface,
+        target: Surface,
+        levels: tuple[list[Surface], list[Surface]],
         settings: MorphSettings,
         pairs: Pairs | None,
         progress: Progress,
     ) -> _Work:
-        target = theirs.surface
-        progress(0.0, "reduced meshes")
-        counts = [node_counts(settings, len(mesh.vertices)) for mesh in (ours.surface, target)]
-        if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
-            counts[1] = counts[0]
-        # reduced in its own frame: from whatever pose it came, the same edges collapse
-        own = canonical_frame(ours.surface.vertices)
-        upright, back = ours.surface.moved(transformed(own, ours.surface.vertices)), inverse(own)
-        levels = [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts[0])]
-        targets = [*pyramid(target, counts[1]), target]
+        ours, theirs = levels
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
-        options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, targets)}
+        options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(ours, [*theirs, target])}
         options |= {"progress": part(progress, 0.05, 0.25)}
         if pairs is None:
-            alignment = align(ours.surface, target, settings.alignment, **options)
+            alignment = align(source, target, settings.alignment, **options)
         else:
-            alignment, pairs = lead(ours.surface, target, settings.alignment, pairs, **options)
-        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, ours.surface)]
-        rest = ours.surface
+            alignment, pairs = lead(source, target, settings.alignment, pairs, **options)
+        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*ours, source)]
+        rest = source
         if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
             moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
             rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
         weight = settings.landmark_weight if settings.steer else 0.0
         index, size = SurfaceIndex(target), target.diagonal
-        return cls(alignment, rest, moved[-1], index, moved, targets, size, pairs, weight)
+        return cls(alignment, rest, moved[-1], index, moved, [*theirs, target], size, pairs, weight)
+
+
+def _levels(
+    source: Surface, target: Surface, settings: MorphSettings, progress: Progress
+) -> tuple[list[Surface], list[Surface]]:
+    """Reduced meshes of both, from the coarsest on."""
+    progress(0.0, "reduced meshes")
+    counts = [node_counts(settings, len(mesh.vertices)) for mesh in (source, target)]
+    if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
+        counts[1] = counts[0]
+    # reduced in its own frame: from whatever pose it came, the same edges collapse
+    own = canonical_frame(source.vertices)
+    upright, back = source.moved(transformed(own, source.vertices)), inverse(own)
+    levels = [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts[0])]
+    return levels, pyramid(target, counts[1])
 
 
 def _samples(levels: list[Surface], targets: list[Surface]) -> tuple[Surface, Surface] | None:

@@ -18,7 +18,7 @@ from .grnn import DisplacementField
 from .keptfield import KeptField
 from .mesh import Cleaned, Float, Int, Surface
 from .morph_settings import MorphSettings
-from .nearest import SurfaceIndex
+from .nearest import Closest, SurfaceIndex
 from .progress import Progress
 from .quality import Comparison, compare
 from .steer import Steering
@@ -26,6 +26,8 @@ from .steer import Steering
 REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfaces are closer than an
 # edge and this
 ROUNDED = 1e-9  # of the size: no distance at all
+AT_PLACE = 1e-12  # of the size: a node stands where it was laid
+LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,6 +196,7 @@ def result_of(
     cleaned: tuple[Cleaned, Cleaned],
     placed: tuple[Float, Surface, SurfaceIndex],
     field: DisplacementField,
+    landed: Float,
     settings: MorphSettings,
     history: tuple[Step, ...],
     bad: int,
@@ -209,6 +212,8 @@ def result_of(
         The alignment (4, 4), the aligned cleaned source, and the target's search structure.
     field : DisplacementField
         Its centres are the aligned nodes, its displacements their movement.
+    landed : (n, 3) float64
+        Where on the target each of them was laid last; NaN where that is not known.
     bad : int
         Faces that stayed folded or crossing.
     weighted : bool
@@ -233,9 +238,10 @@ def result_of(
     movement = np.linalg.norm(vertices - transformed(matrix, source.vertices), axis=1)
     progress(0.2, "measuring")
     distance = np.zeros(len(vertices))
-    clean_distance = index.closest(morphed.vertices).distance
+    clean_distance = _to_surface(index, morphed.vertices, landed)
     distance[used] = clean_distance[ours.vertex_map[used]]
     distance[~used] = index.closest(vertices[~used]).distance
+    back = SurfaceIndex(morphed).closest(theirs.surface.vertices)
     before = compare(ours.surface, _wound_as(ours, aligned), theirs.surface, target_index=index)
     progress(0.6, "measuring")
     after = compare(
@@ -244,6 +250,7 @@ def result_of(
         theirs.surface,
         target_index=index,
         to_target=clean_distance,
+        from_target=back.distance,
         # nothing bad is left in a source without crossings: that has been looked at
         self_intersecting=0 if not bad and not before.self_intersecting else None,
     )
@@ -261,7 +268,7 @@ def result_of(
         transform=matrix,
         field=field,
         faces=aligned.faces,
-        residual=misfit_around(morphed, clean_distance, theirs.surface, settings.partial),
+        residual=misfit_around(morphed, clean_distance, theirs.surface, back, settings.partial),
         history=history,
         converged=converged,
         stop_reason=reason,
@@ -275,23 +282,45 @@ def result_of(
     )
 
 
-def misfit_around(morphed: Surface, to_target: Float, target: Surface, partial: str = "none") -> Float:
+def _to_surface(index: SurfaceIndex, points: Float, landed: Float) -> Float:
+    """Return the distance (n,) of points to a surface; those at a known place on it are not searched."""
+    away = np.linalg.norm(points - landed, axis=1)
+    rest = np.flatnonzero(~(away < AT_PLACE * index.surface.diagonal))
+    away[rest] = index.closest(points[rest]).distance
+    return away
+
+
+def misfit_around(
+    morphed: Surface,
+    to_target: Float,
+    target: Surface,
+    back: Closest | None = None,
+    partial: str = "none",
+) -> Float:
     """Return (n,) how far the two surfaces are apart around each vertex of the morphed one, at most.
 
     The vertices themselves were laid onto the target, so that their own distance says nothing. What does
-    are the target's vertices and middles of faces, back to the morphed surface: each counts for the
-    corners of the face that it is closest to, and for their neighbours.
+    are the target's vertices, and middles of faces that are large beside the morphed ones, back to the
+    morphed surface: each counts for the corners of the face that it is closest to, and for their
+    neighbours.
 
     Parameters
     ----------
     to_target : (n,) float64
         Distance of each vertex to the target's surface.
+    back : Closest, optional
+        Closest points of the target's vertices on the morphed surface, where they are known; all of
+        these vertices have faces then.
     partial : {"none", "source", "target"}
         With "source", what is closest to the border is beyond it, and not counted.
     """
-    points = np.concatenate((target.vertices[np.unique(target.faces)], target.corners.mean(axis=1)))
-    found = SurfaceIndex(morphed).closest(points)
-    corners, away = morphed.faces[found.face], found.distance
+    middles = target.corners.mean(axis=1)[target.face_areas > LARGE_FACE * morphed.face_areas.mean()]
+    points = np.concatenate((target.vertices[np.unique(target.faces)], middles))
+    unknown = points if back is None else middles
+    found = SurfaceIndex(morphed).closest(unknown) if len(unknown) else None
+    parts = [part for part in (back, found) if part is not None]
+    corners = morphed.faces[np.concatenate([part.face for part in parts])]
+    away = np.concatenate([part.distance for part in parts])
     if partial == "source":
         inner = ~morphed.border[corners].any(axis=1)
         corners, away, points = corners[inner], away[inner], points[inner]

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from .limits import Limits
-from .mesh import Float, Int, Surface, unit
+from .mesh import Float, Int, Surface
 from .progress import Progress, silent
-from .triangles import Triangles, dot
+from .triangles import Triangles
+from .vectors import dot, unit
 
 FIRST_NEIGHBOURS = 5  # vertices
 BLOCK_PAIRS = 64_000  # point-triangle pairs at a time: what they need stays in the processor's cache

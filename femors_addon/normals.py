@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh import Float, Int, triangulate, unit
+from .mesh import Float, Int, triangulate
+from .vectors import unit
 
 
 def carried(

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .colours import linear
-from .mesh import Float, Surface, unit
+from .mesh import Float, Surface
 from .raster import fragments
+from .vectors import unit
 
 BONE = (0.83, 0.80, 0.74)
 """sRGB colour of a surface that shows no quantity."""

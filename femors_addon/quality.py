@@ -15,8 +15,9 @@ from scipy.spatial import cKDTree
 
 from .intersect import Piercings, crossings, piercings, self_intersections
 from .limits import Limits
-from .mesh import Float, Int, Surface, unit
+from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
+from .vectors import unit
 
 __all__ = [
     "Comparison",
@@ -250,20 +251,22 @@ def compare(
     *,
     target_index: SurfaceIndex | None = None,
     to_target: Float | None = None,
+    from_target: Float | None = None,
     self_intersecting: int | None = None,
 ) -> Comparison:
     """Measure `morphed` (the faces of `source` at new positions) against `target`.
 
-    All three cleaned: merged and wound consistently. `target_index` is the search structure of
-    `target`, `to_target` (n,) the morphed vertices' distances to it and `self_intersecting` the number of
-    morphed faces that cross others, where they are known already.
+    All three cleaned: merged and wound consistently. What is known already need not be measured again:
+    `target_index` is the search structure of `target`, `to_target` (n,) the morphed vertices' distances
+    to it, `from_target` (k,) the way back, `self_intersecting` the number of morphed faces that cross
+    others.
     """
     points, aims = _used(morphed), _used(target)
     there = back = np.zeros(0)
     if len(points) and len(aims):
         index = target_index or SurfaceIndex(target)
         there = index.closest(points).distance if to_target is None else to_target
-        back = SurfaceIndex(morphed).closest(aims).distance
+        back = SurfaceIndex(morphed).closest(aims).distance if from_target is None else from_target
     if self_intersecting is None:
         self_intersecting = len(np.unique(self_intersections(morphed)))
     return Comparison(

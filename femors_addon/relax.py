@@ -13,10 +13,11 @@ from .correspond import FACING, at_border, interpolated_normals
 from .features import FeatureLines
 from .grnn import DisplacementField
 from .intersect import self_intersections
-from .mesh import Float, Int, Surface, unit
+from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
-from .nearest import SurfaceIndex
+from .nearest import Closest, SurfaceIndex
 from .progress import Preview, Progress, unseen
+from .vectors import cross, dot, unit
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
@@ -173,7 +174,7 @@ def settle(
     settings: MorphSettings,
     progress: Progress,
     watch: Preview = unseen,
-) -> tuple[Float, int]:
+) -> tuple[Float, int, Float]:
     """Lay the dense mesh onto the target with well-shaped elements.
 
     Parameters
@@ -192,24 +193,33 @@ def settle(
     displacement : (n, 3) float64
     left : int
         Faces that are still folded over or cross others, though they did not in `aligned`.
+    landed : (n, 3) float64
+        Where on the target each node was laid last; NaN for those that were not.
     """
     matching, lines = ShapeMatching(rest), FeatureLines.between(rest, target.surface)
     share = 1.0 if free is None else free[:, None]
     mean = averaging(aligned)
     displacement = unfolded(aligned, displacement, mean, folded, free)[0]
     rounds = settings.relaxation + (settings.projection > 0)
+    landed, found = np.full_like(displacement, np.nan), None
     for number in range(rounds):
         progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
         begun = positions = aligned.vertices + displacement
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
             positions = positions + share * SHAPE_STEP * matching.move(positions)
         if settings.projection > 0:
-            step = _to_target(aligned.moved(positions), target, lines, settings)
+            moved = aligned.moved(positions)
+            # the rounds between follow the tangent planes of the first; the last is exact again
+            if fresh := found is None or number == rounds - 1:
+                found = target.closest(positions)
+            step = _to_target(moved, target.surface, found, fresh, lines, settings)
+            landed = positions + step
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
     progress(rounds / (rounds + 1), "checking for folded faces")
-    return unfolded(aligned, displacement, mean, bad_faces, free)
+    displacement, left = unfolded(aligned, displacement, mean, bad_faces, free)
+    return displacement, left, landed
 
 
 def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.csr_matrix) -> Float:
@@ -222,33 +232,45 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     for _ in range(SMOOTH):
         smooth = mean @ smooth
     upright = reference.moved(reference.vertices + smooth).face_normals
+    start = reference.vertices + displacement
 
-    def cosine(share: Float) -> Float:
-        moved = reference.moved(reference.vertices + displacement + share[:, None] * step)
-        return np.einsum("ij,ij->i", upright, moved.face_normals)
+    def cosine(faces: Int | slice, share: Float) -> Float:
+        a, b, c = ((start + share * step).take(corner, axis=0) for corner in reference.faces[faces].T)
+        return dot(upright[faces], unit(cross(b - a, c - a)))
 
-    share = np.ones(len(step))
-    limit = np.minimum(TURN, cosine(np.zeros(len(step))))
+    share = np.ones((len(step), 1))
+    faces: Int = np.flatnonzero(cosine(slice(None), share) < TURN).astype(np.int32)
     for factor in (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0):
-        turned = cosine(share) < limit
-        turned &= (share[reference.faces] > 0).any(axis=1)
+        limit = np.minimum(TURN, cosine(faces, np.zeros_like(share)))
+        turned = cosine(faces, share) < limit
+        turned &= (share[reference.faces[faces], 0] > 0).any(axis=1)
         if not turned.any():
             break
-        share[reference.faces[turned].ravel()] *= factor
-    return share[:, None] * step
+        share[reference.faces[faces[turned]].ravel()] *= factor
+        # only where a node's step was shortened has anything changed
+        faces = np.flatnonzero((share[:, 0] < 1.0)[reference.faces].any(axis=1)).astype(np.int32)
+    return share * step
 
 
-def _to_target(moved: Surface, target: SurfaceIndex, lines: FeatureLines, settings: MorphSettings) -> Float:
-    """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours."""
-    found = target.closest(moved.vertices)
-    normals = interpolated_normals(target.surface, found.face, found.barycentric)
+def _to_target(
+    moved: Surface, target: Surface, found: Closest, fresh: bool, lines: FeatureLines, settings: MorphSettings
+) -> Float:
+    """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours.
+
+    Where `found` is not `fresh` the nodes have moved along the surface since, and go to the tangent
+    planes at the points found.
+    """
+    normals = interpolated_normals(target, found.face, found.barycentric)
     kept = np.einsum("ij,ij->i", moved.vertex_normals, normals) > FACING
     if settings.partial != "none":
-        kept &= ~at_border(target.surface, found.face, found.barycentric)
+        kept &= ~at_border(target, found.face, found.barycentric)
     if settings.partial == "target":  # what lies farther off has its counterpart beyond the target's end
-        kept &= found.distance < 2.0 * max(moved.mean_edge, target.surface.mean_edge)
-    step = np.zeros_like(moved.vertices)
-    step[kept] = found.point[kept] - moved.vertices[kept]
+        kept &= found.distance < 2.0 * max(moved.mean_edge, target.mean_edge)
+    away = found.point - moved.vertices
+    if not fresh:
+        normals = unit(normals)
+        away = np.einsum("ij,ij->i", away, normals)[:, None] * normals
+    step = np.where(kept[:, None], away, 0.0)
     if settings.partial != "target" and kept.any() and not kept.all():
         field = DisplacementField(moved.vertices[kept], step[kept], NEAR * moved.mean_edge)
         step[~kept] = field(moved.vertices[~kept])

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .isosurface import halved, meshed
-from .mesh import Float, Surface, unit
+from .mesh import Float, Surface
+from .vectors import unit
 
 Step = tuple[str, float]
 """A kind of warp and its strength."""

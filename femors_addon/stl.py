@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .files import BadNumber, floats, looks_like_text, shown
-from .mesh import Float, Int, triangulate, unit
+from .mesh import Float, Int, triangulate
 from .progress import FemorsError
+from .vectors import unit
 
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = 84

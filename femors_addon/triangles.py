@@ -8,6 +8,7 @@ import dataclasses
 import numpy as np
 
 from .mesh import Float, Int
+from .vectors import dot
 
 THIN = 1e-4  # squared sine of the angle at corner a, below which dot products have lost too many digits
 NEAR = 1e-8  # of |p - a|^2: squared distances below have been rounded away, and are worked out anew
@@ -190,8 +191,3 @@ def _clamped(along: Float, length: Float) -> Float:
     foot: Float = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
     clamped: Float = np.clip(foot, 0.0, 1.0)
     return clamped
-
-
-def dot(a: Float, b: Float) -> Float:
-    """Products (k,) of the rows of two arrays (k, 3)."""
-    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from femors_addon.mesh import Cleaned, Surface, clean, oriented, triangulate, unit, winding_number
+from femors_addon.mesh import Cleaned, Surface, clean, oriented, triangulate, winding_number
 from femors_addon.progress import FemorsError
 from femors_addon.shapes import box, sphere
+from femors_addon.vectors import unit
 
 
 def together(*surfaces: Surface) -> Surface:

@@ -232,17 +232,18 @@ def test_settling_lays_nodes_on_the_target_with_their_shapes():
     rng = np.random.default_rng(0)
     rough = 0.08 * ball.vertices + 0.2 * ball.mean_edge * rng.normal(size=ball.vertices.shape)
     told: list[float] = []
-    out, left = relax.settle(
+    out, left, landed = relax.settle(
         ball, ball, rough, target, None, MorphSettings(), lambda fraction, text: told.append(fraction)
     )
     moved = ball.moved(ball.vertices + out)
     assert left == 0
+    assert np.abs(landed - moved.vertices).max() < 1e-9  # nothing had to be mended
     assert target.closest(moved.vertices).distance.max() < 1e-9
     assert aspect_ratio(moved).max() < 0.8 * aspect_ratio(ball.moved(ball.vertices + rough)).max()
     assert told == sorted(told)
     # a weight of zero keeps a node where the displacement has it
     weight = np.where(ball.vertices[:, 2] > 0, 0.0, 1.0)
     even = 0.08 * ball.vertices
-    held, _ = relax.settle(ball, ball, even, target, weight, MorphSettings(), lambda fraction, text: None)
+    held, _, _ = relax.settle(ball, ball, even, target, weight, MorphSettings(), lambda fraction, text: None)
     assert np.array_equal(held[weight == 0], even[weight == 0])
     assert target.closest((ball.vertices + held)[weight == 1]).distance.max() < 1e-9
