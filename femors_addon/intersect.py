@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from . import triples
 from .mesh import Float, Int, Surface
 
 Index = NDArray[np.int64]
@@ -122,13 +123,12 @@ class _Planes:
         scale = max((float(np.abs(s.vertices).max()) for s in surfaces if len(s.vertices)), default=0.0)
         out = []
         for s in surfaces:
-            sides = [s.corners[:, i] - s.corners[:, i - 1] for i in range(3)]
-            longest = np.max([_dot(side, side) for side in sides], axis=0)
+            longest = triples.longest_squared(s.corners)
             area = 2.0 * s.face_areas
             # a face without area has no plane: nothing is ever off it
             tolerance = np.full(len(area), np.inf)
             np.divide(ROUNDING * scale * longest, area, out=tolerance, where=area > 0)
-            planes = np.column_stack((s.corners[:, 0], s.face_normals))
+            planes = np.concatenate((s.corners[:, 0], s.face_normals), axis=1)
             out.append(cls(s.faces, s.vertices, s.corners, planes, tolerance))
         return out
 
@@ -213,7 +213,7 @@ def _candidates(a: Surface, b: Surface) -> Iterator[tuple[Index, Index]]:
 
 def _within(corners: Float, low: Float, high: Float) -> Index:
     """Indices of the faces (m, 3, 3) whose bounding box reaches into a box."""
-    return np.flatnonzero(((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1))
+    return np.flatnonzero(triples.every((triples.least(corners) <= high) & (triples.greatest(corners) >= low)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -286,8 +286,11 @@ def _pieces(corners: Float, owner: Index) -> tuple[Float, Float, Index]:
 
 
 def _balls(corners: Float) -> tuple[Float, Float]:
-    centre = corners.mean(axis=1)
-    return centre, np.sqrt(np.max(np.sum((corners - centre[:, None]) ** 2, axis=2), axis=1))
+    centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
+    radius = triples.squared(corners[:, 0] - centre)
+    for i in (1, 2):
+        np.maximum(radius, triples.squared(corners[:, i] - centre), out=radius)
+    return centre, np.sqrt(radius)
 
 
 def _halved(corners: Float) -> Float:

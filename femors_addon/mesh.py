@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from . import triples
 from .progress import FemorsError
 
 Float = NDArray[np.float64]
@@ -60,8 +61,8 @@ class Surface:
             raise FemorsError("faces must be whole numbers: indices of vertices")
         object.__setattr__(self, "vertices", frozen(self.vertices, np.float64, 3))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32, 3))
-        bad = ~np.isfinite(self.vertices).all(axis=1)
-        if bad.any():
+        if not np.isfinite(self.vertices).all():
+            bad = ~np.isfinite(self.vertices).all(axis=1)
             raise FemorsError(
                 f"{int(bad.sum())} of {len(bad)} vertices have coordinates that are not finite "
                 f"(first: vertex {int(np.argmax(bad))}); repair or delete them"
@@ -81,7 +82,7 @@ class Surface:
     @cached_property
     def corners(self) -> Float:
         """(m, 3, 3) the corner positions of each face."""
-        return self.vertices[self.faces]
+        return self.vertices.take(self.faces, axis=0)
 
     @cached_property
     def face_cross(self) -> Float:
@@ -92,7 +93,7 @@ class Surface:
     @cached_property
     def face_areas(self) -> Float:
         """(m,) areas."""
-        return 0.5 * np.linalg.norm(self.face_cross, axis=1)
+        return 0.5 * triples.length(self.face_cross)
 
     @cached_property
     def face_normals(self) -> Float:
@@ -113,7 +114,7 @@ class Surface:
         """Lowest and highest corner of the axis-aligned bounding box; the origin where no vertex is."""
         if not len(self.vertices):
             return np.zeros(3), np.zeros(3)
-        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return triples.box(self.vertices)
 
     @cached_property
     def diagonal(self) -> float:
@@ -125,7 +126,12 @@ class Surface:
     def mean_edge(self) -> float:
         """Mean length of the edges."""
         a, b = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
-        return float(np.linalg.norm(a - b, axis=1).mean()) if len(a) else 0.0
+        return float(triples.length(a - b).mean()) if len(a) else 0.0
+
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest side of a face."""
+        return float(np.sqrt(triples.longest_squared(self.corners).max(initial=0.0)))
 
     @cached_property
     def volume(self) -> float:
@@ -201,7 +207,7 @@ class Surface:
 
 def unit(vectors: Float) -> Float:
     """Normalise the rows of (n, 3); rows of zero length stay zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    length = triples.length(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
@@ -336,7 +342,9 @@ def unique_rows(rows: NDArray) -> tuple[NDArray, NDArray]:
     order = np.lexsort(rows.T[::-1])
     ordered = rows[order]
     new = np.ones(len(rows), dtype=bool)
-    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    new[1:] = False
+    for axis in range(rows.shape[1]):
+        new[1:] |= ordered[1:, axis] != ordered[:-1, axis]
     inverse = np.empty(len(rows), dtype=np.int64)
     inverse[order] = np.cumsum(new) - 1
     return order[new], inverse
@@ -347,7 +355,7 @@ def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, 
     a, b, c = faces.T
     corners = positions[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    longest = np.max([np.sum((corners[:, i] - corners[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
+    longest = triples.longest_squared(corners)
     proper = (a != b) & (b != c) & (c != a)
     proper &= np.einsum("ij,ij->i", cross, cross) > (1e-12 * longest) ** 2
     keep = np.flatnonzero(proper)
@@ -377,7 +385,7 @@ def oriented(surface: Surface) -> tuple[Surface, int]:
     volume = _component_volumes(surface.vertices, faces, component)
     inside = _nesting(surface.vertices, faces, component, volume)
     # a flat flap has no inside; rounding alone must not turn it
-    area = np.bincount(component, np.linalg.norm(surface.face_cross, axis=1))
+    area = np.bincount(component, triples.length(surface.face_cross))
     wrong = np.abs(volume) > FLAT * area**1.5
     wrong &= (volume < 0) != (inside % 2 == 1)
     turn = flip != wrong[component]
@@ -395,7 +403,7 @@ def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
     half = surface.faces[:, [[0, 1], [1, 2], [2, 0]]]
 
     def forward(face: Int) -> NDArray[np.bool_]:
-        return ((half[face, :, 0] == edge[:, :1]) & (half[face, :, 1] == edge[:, 1:])).any(axis=1)
+        return triples.some((half[face, :, 0] == edge[:, :1]) & (half[face, :, 1] == edge[:, 1:]))
 
     disagree = forward(faces[:, 0]) == forward(faces[:, 1])
     component = surface.components

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
+from . import triples
 from .bodies import Body, Solid
 from .booleans import shared_volume
 from .intersect import crossings, piercings
@@ -285,7 +286,7 @@ def _signed(
     """
     low, high = other.surface.bounds
     rows = np.flatnonzero(
-        ((surface.vertices >= low - reach) & (surface.vertices <= high + reach)).all(axis=1)
+        triples.every((surface.vertices >= low - reach) & (surface.vertices <= high + reach))
     )
     if not len(rows):
         return rows, np.zeros(0), np.zeros(0, dtype=bool)
@@ -308,7 +309,7 @@ def _single(surface: Surface) -> Surface:
 def _rounding(surface: Surface) -> float:
     """Return how far single precision moves a vertex, at most."""
     rounded = surface.vertices.astype(np.float32).astype(np.float64)
-    return float(np.sqrt(np.max(np.sum((rounded - surface.vertices) ** 2, axis=1), initial=0.0)))
+    return float(triples.length(rounded - surface.vertices).max(initial=0.0))
 
 
 def _whole_piece(surface: Surface, other: Surface, deep: NDArray[np.bool_]) -> bool:
