@@ -218,7 +218,9 @@ class Side:
         inside = np.einsum("ij,ij->i", apart, normal) < 0
         corners = surface.faces[found.face]
         if self.other.open_edges:  # beside an open border there is no inside
-            inside &= ~triples.every(surface.border[corners] | (found.barycentric <= 1e-12))
+            inside &= ~triples.every(
+                self.other.begun_surface.border[self._region.vertex][corners] | (found.barycentric <= 1e-12)
+            )
         gaps = np.where(inside, -found.distance, found.distance)
         flat = found.distance <= FLAT * float(np.abs(surface.vertices).max(initial=0.0))
         ways = np.divide(apart, gaps[:, None], out=normal.copy(), where=~flat[:, None])
