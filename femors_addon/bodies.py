@@ -8,6 +8,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from . import triples
 from .mesh import Float, Int, Surface, clean
 from .nearest import Closest
 from .progress import FemorsError, Progress, silent
@@ -111,7 +112,7 @@ class Solid:
         self.points = self.rest.copy()
         ends = cleaned.surface.vertices[cleaned.surface.edges]
         self.edge = cleaned.surface.mean_edge
-        self.longest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
+        self.longest = float(triples.length(ends[:, 0] - ends[:, 1]).max())
         self.held: set[int] = set()
         self.version = 0
         self._begun = None if self.mesh is None else scaled_jacobians(self.mesh)
@@ -130,7 +131,7 @@ class Solid:
         if not self.open_edges:
             return np.zeros(len(found.face), dtype=bool)
         border = self._topology.border[self.faces[found.face]]
-        return np.asarray((border | (found.barycentric <= 1e-12)).all(axis=1))
+        return triples.every(border | (found.barycentric <= 1e-12))
 
     @property
     def vertices(self) -> Float:
@@ -141,9 +142,8 @@ class Solid:
         """Return the unit normals (r, 3) of some vertices of the surface."""
         chosen = np.zeros(len(self.corner), dtype=bool)
         chosen[rows] = True
-        faces = self.faces[chosen[self.faces].any(axis=1)]
-        vertex, local = np.unique(faces, return_inverse=True)
-        part = Surface(self.vertices[vertex], local.reshape(-1, 3).astype(np.int32))
+        vertex, local = triples.renumbered(self.faces[triples.some(chosen[self.faces])], len(chosen))
+        part = Surface(self.vertices[vertex], local)
         return np.asarray(part.vertex_normals[np.searchsorted(vertex, rows)])
 
     @property
@@ -160,7 +160,7 @@ class Solid:
     def nodes(self) -> Float:
         """(n, 3) the body's own nodes at the current points; those that did not move keep their bits."""
         out = np.array(self.body.nodes)
-        moved = (self.points != self.rest).any(axis=1)[self._owner]
+        moved = triples.some(self.points != self.rest)[self._owner]
         out[moved] = self.points[self._owner[moved]]
         return out
 
@@ -210,7 +210,7 @@ class Solid:
             if guard:
                 after = self._guarded(rows, before, after)
         self.put(after)
-        return float(np.sqrt(np.max(np.sum((after[rows] - before[rows]) ** 2, axis=1), initial=0.0)))
+        return float(triples.length(after[rows] - before[rows]).max(initial=0.0))
 
     def reshape(self, progress: Progress = silent) -> None:
         """Give elements that were squeezed or sheared their shapes back, as far as the surface allows.
@@ -219,7 +219,7 @@ class Solid:
         """
         if self.mesh is None or self._begun is None:
             return
-        moved = (self.points != self.rest).any(axis=1)
+        moved = triples.some(self.points != self.rest)
         touched = self._elements_at(np.flatnonzero(moved))
         if not len(touched):
             return

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from . import triples
 from .bodies import Solid
 from .intersect import piercings
 from .mesh import Float, Int, Surface
@@ -57,15 +58,20 @@ class Region:
     @classmethod
     def of(cls, surface: Surface, low: Float, high: Float) -> Region:
         """Cut out the faces whose own boxes reach into a box."""
-        faces = surface.faces
-        reaches = np.ones(len(faces), dtype=bool)
-        for axis in range(3):  # one axis after the other: most faces are out by the first
+        # on which sides of the box a vertex is, one bit each: a face with a side in common is outside
+        sides = np.zeros(len(surface.vertices), dtype=np.uint8)
+        for axis in range(3):
             column = surface.vertices[:, axis]
-            below, above = column < low[axis], column > high[axis]
-            reaches &= ~below[faces].all(axis=1) & ~above[faces].all(axis=1)
-        vertex, local = np.unique(faces[reaches], return_inverse=True)
-        local = local.reshape(-1, 3).astype(np.int32)
-        return cls(Surface(surface.vertices[vertex], local), vertex.astype(np.int32))
+            sides |= (column < low[axis]).astype(np.uint8) << 2 * axis
+            sides |= (column > high[axis]).astype(np.uint8) << 2 * axis + 1
+        a, b, c = (sides[corner] for corner in surface.faces.T)
+        return cls.cut(surface, (a & b & c) == 0)
+
+    @classmethod
+    def cut(cls, surface: Surface, chosen: NDArray, shift: Float | float = 0.0) -> Region:
+        """Cut out, and shift, the chosen faces (indices, or true for each)."""
+        vertex, local = triples.renumbered(surface.faces[chosen], len(surface.vertices))
+        return cls(Surface(surface.vertices[vertex] + shift, local), vertex)
 
     @classmethod
     def near(cls, surface: Surface, bound: Float, shift: Float) -> Region:
@@ -73,13 +79,10 @@ class Region:
 
         An edge that meets a surface has an end within half its length of it.
         """
-        inside = np.flatnonzero((bound < surface.diagonal)[surface.faces].any(axis=1))
-        corners = surface.corners[inside]
-        longest = np.max([np.sum((corners[:, i] - corners[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
-        close = bound[surface.faces[inside]].min(axis=1) <= 0.5 * np.sqrt(longest)
-        vertex, local = np.unique(surface.faces[inside[close]], return_inverse=True)
-        local = local.reshape(-1, 3).astype(np.int32)
-        return cls(Surface(surface.vertices[vertex] + shift, local), vertex.astype(np.int32))
+        nearest = triples.least(bound[surface.faces])
+        near = np.flatnonzero(nearest < surface.longest)
+        longest = np.sqrt(triples.longest_squared(surface.vertices.take(surface.faces[near], axis=0)))
+        return cls.cut(surface, near[nearest[near] <= 0.5 * longest], shift)
 
 
 class Pair:
@@ -173,7 +176,7 @@ class Side:
         points = self.body.vertices[rows] + shift
         # beyond the other's box by more than the reach: the box alone tells
         outside = np.maximum(np.maximum(low - points, points - high), 0.0)
-        far = np.sqrt(np.sum(outside**2, axis=1))
+        far = triples.length(outside)
         near = far < reach
         self.bound[rows[~near]] = far[~near]
         rows, points = rows[near], points[near]
@@ -184,7 +187,8 @@ class Side:
         lowest = float(self.bound[rows].min(initial=0.0))
         span = reach + max(0.0, -lowest)
         every = np.concatenate((points, edges))
-        self._region = Region.of(self.other.surface, every.min(axis=0) - span, every.max(axis=0) + span)
+        low, high = triples.box(every)
+        self._region = Region.of(self.other.surface, low - span, high + span)
         if not len(self._region.surface.faces):
             self.bound[rows] = span
             return
@@ -214,7 +218,9 @@ class Side:
         inside = np.einsum("ij,ij->i", apart, normal) < 0
         corners = surface.faces[found.face]
         if self.other.open_edges:  # beside an open border there is no inside
-            inside &= ~(surface.border[corners] | (found.barycentric <= 1e-12)).all(axis=1)
+            inside &= ~triples.every(
+                self.other.begun_surface.border[self._region.vertex][corners] | (found.barycentric <= 1e-12)
+            )
         gaps = np.where(inside, -found.distance, found.distance)
         flat = found.distance <= FLAT * float(np.abs(surface.vertices).max(initial=0.0))
         ways = np.divide(apart, gaps[:, None], out=normal.copy(), where=~flat[:, None])

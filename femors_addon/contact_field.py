@@ -18,6 +18,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from . import triples
 from .contact import Contacts
 from .grnn import LN2, Cells
 from .mesh import Float, Int
@@ -74,8 +75,8 @@ class ContactField:
         """Return the rows of points (p, 3) that move, and their displacements."""
         low = self.centres.min(axis=0) - END * self.spread
         high = self.centres.max(axis=0) + END * self.spread
-        rows = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-        acting = self.centres[(self.vectors != 0).any(axis=1)]
+        rows = np.flatnonzero(triples.every((points > low) & (points < high)))
+        acting = self.centres[triples.some(self.vectors != 0)]
         if not len(rows) or not len(acting):
             return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
         far = cKDTree(acting).query(points[rows], distance_upper_bound=END * self.spread)[0] / self.spread

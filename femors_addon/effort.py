@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from . import triples
 from .contact import Pair
 from .contact_field import ContactField
 from .mesh import Float
@@ -164,6 +165,6 @@ def apply(effort: Effort, field: ContactField) -> dict[str, tuple[Float, float]]
         rows, step = field(solid.points + frame)
         before = solid.vertices
         solid.move(rows, weight * step)
-        distance = np.linalg.norm(solid.vertices - before, axis=1)
+        distance = triples.length(solid.vertices - before)
         steps[solid.name] = (distance, float(distance.max(initial=0.0)))
     return steps

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from . import triples
 from .mesh import Float, Int, Surface
-from .vectors import cross, dot
 
 Index = NDArray[np.int64]
 
@@ -123,13 +123,12 @@ class _Planes:
         scale = max((float(np.abs(s.vertices).max()) for s in surfaces if len(s.vertices)), default=0.0)
         out = []
         for s in surfaces:
-            sides = [s.corners[:, i] - s.corners[:, i - 1] for i in range(3)]
-            longest = np.maximum.reduce([dot(side, side) for side in sides])
+            longest = triples.longest_squared(s.corners)
             area = 2.0 * s.face_areas
             # a face without area has no plane: nothing is ever off it
             tolerance = np.full(len(area), np.inf)
             np.divide(ROUNDING * scale * longest, area, out=tolerance, where=area > 0)
-            planes = np.column_stack((s.corners[:, 0], s.face_normals))
+            planes = np.concatenate((s.corners[:, 0], s.face_normals), axis=1)
             out.append(cls(s.faces, s.vertices, s.corners, planes, tolerance))
         return out
 
@@ -178,7 +177,7 @@ def _pierced(
     u = one.vertices[ends[:, 0]]
     along, corners = one.vertices[ends[:, 1]] - u, two.corners[g[row]] - u[:, None]
     # signed volumes of (edge, side of the face): exactly negated when seen from the face beyond the side
-    volumes = [dot(along, cross(corners[:, i], corners[:, (i + 1) % 3])) for i in range(3)]
+    volumes = [triples.dot(along, triples.cross(corners[:, i], corners[:, (i + 1) % 3])) for i in range(3)]
     inside = (np.min(volumes, axis=0) >= 0) | (np.max(volumes, axis=0) <= 0)
     if same:
         inside &= ~(two.faces[g[row]][:, :, None] == ends[:, None, :]).any(axis=(1, 2))
@@ -210,7 +209,9 @@ def _candidates(a: Surface, b: Surface) -> Iterator[tuple[Index, Index]]:
 
 def _within(corners: Float, low: Float, high: Float) -> Index:
     """Indices of the faces (m, 3, 3) whose bounding box reaches into a box."""
-    return np.flatnonzero(((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1))
+    return np.flatnonzero(
+        triples.every((triples.least(corners) <= high) & (triples.greatest(corners) >= low))
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -232,7 +233,7 @@ def _overlapping(one: _Balls, two: _Balls) -> Iterator[tuple[Index, Index]]:
         pairs = one.tree.query_pairs(reach, output_type="ndarray")
         f, g = pairs[:, 0], pairs[:, 1]
         apart = one.tree.data[f] - one.tree.data[g]
-        near = dot(apart, apart) <= (one.radius[f] + one.radius[g]) ** 2 * (1 + 1e-9)
+        near = triples.dot(apart, apart) <= (one.radius[f] + one.radius[g]) ** 2 * (1 + 1e-9)
         yield f[near], g[near]
         return
     for rows in np.split(order, (np.flatnonzero(np.diff(block)) + 1) * stride):
@@ -283,15 +284,18 @@ def _pieces(corners: Float, owner: Index) -> tuple[Float, Float, Index]:
 
 
 def _balls(corners: Float) -> tuple[Float, Float]:
-    centre = corners.mean(axis=1)
-    return centre, np.sqrt(np.max(np.sum((corners - centre[:, None]) ** 2, axis=2), axis=1))
+    centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
+    radius = triples.squared(corners[:, 0] - centre)
+    for i in (1, 2):
+        np.maximum(radius, triples.squared(corners[:, i] - centre), out=radius)
+    return centre, np.sqrt(radius)
 
 
 def _halved(corners: Float) -> Float:
     """Cut each face (m, 3, 3) at the middle of its longest side: first halves, then second halves."""
     rows = np.arange(len(corners))
     sides = [corners[:, (i + 1) % 3] - corners[:, i] for i in range(3)]
-    start = np.argmax([dot(side, side) for side in sides], axis=0)
+    start = np.argmax([triples.dot(side, side) for side in sides], axis=0)
     stop = (start + 1) % 3
     middle = 0.5 * (corners[rows, start] + corners[rows, stop])
     one, two = corners.copy(), corners.copy()

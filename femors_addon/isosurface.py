@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.spatial.transform import Rotation
 
 from .mesh import Float, Int, Surface, edge_matrix
-from .vectors import unit
+from .triples import unit
 
 Implicit = Callable[[Float], Float]
 """Signed, roughly distance-like value (p,) at points (p, 3): negative inside."""

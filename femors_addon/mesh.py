@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from . import triples
 from .progress import FemorsError
-from .vectors import Float, cross, dot, lengths, unit
+from .triples import Float
 
 Int = NDArray[np.int32]
 
@@ -60,8 +61,8 @@ class Surface:
             raise FemorsError("faces must be whole numbers: indices of vertices")
         object.__setattr__(self, "vertices", frozen(self.vertices, np.float64, 3))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32, 3))
-        bad = ~np.isfinite(self.vertices).all(axis=1)
-        if bad.any():
+        if not np.isfinite(self.vertices).all():
+            bad = ~np.isfinite(self.vertices).all(axis=1)
             raise FemorsError(
                 f"{int(bad.sum())} of {len(bad)} vertices have coordinates that are not finite "
                 f"(first: vertex {int(np.argmax(bad))}); repair or delete them"
@@ -87,29 +88,29 @@ class Surface:
     def face_cross(self) -> Float:
         """(m, 3) face normals scaled by twice the area."""
         a, b, c = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
-        return cross(b - a, c - a)
+        return triples.cross(b - a, c - a)
 
     @cached_property
     def face_areas(self) -> Float:
         """(m,) areas."""
-        return 0.5 * lengths(self.face_cross)
+        return 0.5 * triples.length(self.face_cross)
 
     @cached_property
     def face_normals(self) -> Float:
         """(m, 3) unit normals; zero for degenerate faces."""
-        return unit(self.face_cross)
+        return triples.unit(self.face_cross)
 
     @cached_property
     def vertex_normals(self) -> Float:
         """(n, 3) area-weighted unit normals; zero where no face is."""
-        return unit(self.vertex_faces @ self.face_cross)
+        return triples.unit(self.vertex_faces @ self.face_cross)
 
     @cached_property
     def bounds(self) -> tuple[Float, Float]:
         """Lowest and highest corner of the axis-aligned bounding box; the origin where no vertex is."""
         if not len(self.vertices):
             return np.zeros(3), np.zeros(3)
-        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return triples.box(self.vertices)
 
     @cached_property
     def diagonal(self) -> float:
@@ -121,7 +122,12 @@ class Surface:
     def mean_edge(self) -> float:
         """Mean length of the edges."""
         a, b = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
-        return float(lengths(a - b).mean()) if len(a) else 0.0
+        return float(triples.length(a - b).mean()) if len(a) else 0.0
+
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest side of a face."""
+        return float(np.sqrt(triples.longest_squared(self.corners).max(initial=0.0)))
 
     @cached_property
     def volume(self) -> float:
@@ -129,7 +135,7 @@ class Surface:
         if not len(self.faces):
             return 0.0
         a, b, c = np.moveaxis(self.corners - self.vertices.mean(axis=0), 1, 0)
-        return float(dot(a, cross(b, c)).sum() / 6.0)
+        return float(triples.dot(a, triples.cross(b, c)).sum() / 6.0)
 
     # --- topology -----------------------------------------------------------------------------
     @cached_property
@@ -326,7 +332,9 @@ def unique_rows(rows: NDArray) -> tuple[NDArray, NDArray]:
     order = np.lexsort(rows.T[::-1])
     ordered = rows[order]
     new = np.ones(len(rows), dtype=bool)
-    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    new[1:] = False
+    for axis in range(rows.shape[1]):
+        new[1:] |= ordered[1:, axis] != ordered[:-1, axis]
     inverse = np.empty(len(rows), dtype=np.int64)
     inverse[order] = np.cumsum(new) - 1
     return order[new], inverse
@@ -336,11 +344,10 @@ def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, 
     """Drop faces with a repeated vertex, of no area, or standing twice."""
     a, b, c = faces.T
     corners = positions[faces]
-    area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sides = [corners[:, i] - corners[:, i - 1] for i in range(3)]
-    longest = np.maximum.reduce([dot(side, side) for side in sides])
+    area = triples.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    longest = triples.longest_squared(corners)
     proper = (a != b) & (b != c) & (c != a)
-    proper &= dot(area, area) > (1e-12 * longest) ** 2
+    proper &= triples.dot(area, area) > (1e-12 * longest) ** 2
     keep = np.flatnonzero(proper)
     first, _ = unique_rows(np.sort(faces[keep], axis=1))
     kept = keep[np.sort(first)]
@@ -368,7 +375,7 @@ def oriented(surface: Surface) -> tuple[Surface, int]:
     volume = _component_volumes(surface.vertices, faces, component)
     inside = _nesting(surface.vertices, faces, component, volume)
     # a flat flap has no inside; rounding alone must not turn it
-    area = np.bincount(component, lengths(surface.face_cross))
+    area = np.bincount(component, triples.length(surface.face_cross))
     wrong = np.abs(volume) > FLAT * area**1.5
     wrong &= (volume < 0) != (inside % 2 == 1)
     turn = flip != wrong[component]
@@ -386,7 +393,7 @@ def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
     half = surface.faces[:, [[0, 1], [1, 2], [2, 0]]]
 
     def forward(face: Int) -> NDArray[np.bool_]:
-        return ((half[face, :, 0] == edge[:, :1]) & (half[face, :, 1] == edge[:, 1:])).any(axis=1)
+        return triples.some((half[face, :, 0] == edge[:, :1]) & (half[face, :, 1] == edge[:, 1:]))
 
     disagree = forward(faces[:, 0]) == forward(faces[:, 1])
     component = surface.components
@@ -419,7 +426,7 @@ def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:
         [np.bincount(component, corners[:, :, k].mean(axis=1)) / count for k in range(3)]
     )
     a, b, c = np.moveaxis(corners - centre[component][:, None, :], 1, 0)
-    return np.bincount(component, dot(a, cross(b, c))) / 6.0
+    return np.bincount(component, triples.dot(a, triples.cross(b, c))) / 6.0
 
 
 def _nesting(vertices: Float, faces: Int, component: Int, volume: Float) -> Int:
@@ -455,8 +462,8 @@ def winding_number(corners: Float, points: Float) -> Float:
     out = np.empty(len(points))
     for i, point in enumerate(points):
         a, b, c = np.moveaxis(corners - point, 1, 0)
-        la, lb, lc = (lengths(v) for v in (a, b, c))
-        top = dot(a, cross(b, c))
-        ab, bc, ca = (dot(u, v) for u, v in ((a, b), (b, c), (c, a)))
+        la, lb, lc = (triples.length(v) for v in (a, b, c))
+        top = triples.dot(a, triples.cross(b, c))
+        ab, bc, ca = (triples.dot(u, v) for u, v in ((a, b), (b, c), (c, a)))
         out[i] = np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2 * np.pi)
     return out

@@ -6,17 +6,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from . import triples
 from .limits import Limits
 from .mesh import Float, Int, Surface
 from .progress import Progress, silent
 from .triangles import Triangles
-from .vectors import dot, unit
 
 FIRST_NEIGHBOURS = 5  # vertices
 BLOCK_PAIRS = 64_000  # point-triangle pairs at a time: what they need stays in the processor's cache
@@ -57,12 +56,11 @@ class SurfaceIndex:
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
         self._triangles = Triangles.of(surface.corners)
-        sides = (surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3))
-        squared = np.max([dot(side, side) for side in sides], axis=0)
         self._faces_at, self._first = surface.corner_order
         count = np.diff(self._first)
         longest = np.zeros(len(surface.vertices))
-        np.maximum.at(longest, surface.faces.ravel(), np.repeat(np.sqrt(squared), 3))
+        side = np.sqrt(triples.longest_squared(surface.corners))
+        np.maximum.at(longest, surface.faces.ravel(), np.repeat(side, 3))
         self._slack = longest**2 / 3.0
         used = np.flatnonzero(count)
         base = max(1.6 * float(np.median(longest[used])), 1e-300)
@@ -84,7 +82,7 @@ class SurfaceIndex:
             self._search(points, tree, members, slack, (best, face, bary), progress)
         corners = self.surface.vertices[self.surface.faces[face]]
         point = np.einsum("pk,pkc->pc", bary, corners)
-        return Closest(np.linalg.norm(points - point, axis=1), point, face, bary)
+        return Closest(triples.length(points - point), point, face, bary)
 
     def _search(
         self,
@@ -173,9 +171,9 @@ class SurfaceIndex:
         hit = np.flatnonzero(distance == np.repeat(lowest, np.diff(start, append=len(row))))
         winner = hit[np.concatenate(([True], row[hit[1:]] != row[hit[:-1]]))]  # the first of equals
         winner = winner[distance[winner] < best[row[winner]]]
-        rows, v, w = row[winner], v[winner], w[winner]
-        best[rows], face[rows] = distance[winner], ids[winner]
-        bary[rows] = np.column_stack((1.0 - v - w, v, w))
+        row, v, w = row[winner], v[winner], w[winner]
+        best[row], face[row] = distance[winner], ids[winner]
+        bary[row] = np.column_stack((1.0 - v - w, v, w))
 
     # --- sign ---------------------------------------------------------------------------------
     def signed(self, points: ArrayLike, progress: Progress = silent) -> Float:
@@ -193,41 +191,55 @@ class SurfaceIndex:
         angle-weighted sum at a vertex; the sign it gives is right wherever the surface is closed.
         """
         surface, zero = self.surface, found.barycentric <= 1e-12
-        normal = surface.face_normals[found.face].copy()
-        on_edge = np.flatnonzero(zero.sum(axis=1) == 1)
+        normal = surface.face_normals[found.face]
+        flat = zero[:, 0] | zero[:, 1] | zero[:, 2]
+        at = np.flatnonzero(flat)
+        count = zero[at].sum(axis=1)
+        on_edge, on_vertex = at[count == 1], at[count == 2]
         if len(on_edge):
             side = (np.argmax(zero[on_edge], axis=1) + 1) % 3  # the half-edge opposite the zero weight
-            normal[on_edge] = self._edge_normals[found.face[on_edge], side]
-        on_vertex = np.flatnonzero(zero.sum(axis=1) == 2)
+            corners = surface.faces[found.face[on_edge]]
+            ends = np.take_along_axis(corners, np.column_stack((side, (side + 1) % 3)), axis=1)
+            normal[on_edge] = self._edge_normals(ends)
         if len(on_vertex):
             corner = np.argmin(zero[on_vertex], axis=1)
-            normal[on_vertex] = self._angle_normals[surface.faces[found.face[on_vertex], corner]]
+            vertex, which = triples.renumbered(
+                surface.faces[found.face[on_vertex], corner], len(surface.vertices)
+            )
+            normal[on_vertex] = self._angle_normals(vertex)[which]
         return normal
 
-    @cached_property
-    def _edge_normals(self) -> Float:
-        """(m, 3, 3): for the half-edge from corner j to j + 1 of each face, the sum of the normals there."""
-        surface = self.surface
-        half = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
-        _, edge = np.unique(half[:, 0] * len(surface.vertices) + half[:, 1], return_inverse=True)
-        edge = edge.ravel()
-        repeated = np.repeat(surface.face_normals, 3, axis=0)
-        total: Float = np.column_stack([np.bincount(edge, repeated[:, axis]) for axis in range(3)])
-        return np.asarray(unit(total)[edge]).reshape(-1, 3, 3)
+    def _around(self, vertex: Int) -> tuple[Int, Int]:
+        """Return ((k,) rows of the vertices (p,), ascending, (k,) the faces at each, ascending)."""
+        count = self._first[vertex + 1] - self._first[vertex]
+        row = np.repeat(np.arange(len(vertex)), count)
+        offset = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        return row, self._faces_at[np.repeat(self._first[vertex], count) + offset]
 
-    @cached_property
-    def _angle_normals(self) -> Float:
-        """(n, 3) angle-weighted vertex normals."""
-        surface = self.surface
-        total = np.zeros_like(surface.vertices)
+    def _edge_normals(self, ends: Int) -> Float:
+        """Return the normalised sum (p, 3) of the normals of the faces at edges (p, 2)."""
+        row, face = self._around(ends[:, 0])
+        here = triples.some(self.surface.faces[face] == ends[row, 1:])
+        row, normal = row[here], self.surface.face_normals[face[here]]
+        return triples.unit(np.column_stack([np.bincount(row, normal[:, i], len(ends)) for i in range(3)]))
+
+    def _angle_normals(self, vertex: Int) -> Float:
+        """Return the angle-weighted normals (p, 3) of vertices (p,)."""
+        surface, total = self.surface, np.zeros((len(vertex), 3))
+        row, face = self._around(vertex)
         for i in range(3):
-            here = surface.corners[:, i]
-            one, two = unit(surface.corners[:, i - 2] - here), unit(surface.corners[:, i - 1] - here)
+            mine = surface.faces[face, i] == vertex[row]
+            here, at = row[mine], face[mine]
+            corners = surface.corners[at]
+            one, two = (
+                triples.unit(corners[:, i - 2] - corners[:, i]),
+                triples.unit(corners[:, i - 1] - corners[:, i]),
+            )
             angle = np.arccos(np.clip(np.einsum("ij,ij->i", one, two), -1.0, 1.0))
-            weighted = surface.face_normals * angle[:, None]
+            weighted = surface.face_normals[at] * angle[:, None]
             for axis in range(3):
-                total[:, axis] += np.bincount(surface.faces[:, i], weighted[:, axis], minlength=len(total))
-        return unit(total)
+                total[:, axis] += np.bincount(here, weighted[:, axis], len(vertex))
+        return triples.unit(total)
 
 
 def _threaded(work: Callable[[Int], Int], parts: list[Int]) -> Iterator[Int]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import Float, Int, triangulate
-from .vectors import unit
+from .triples import unit
 
 
 def carried(

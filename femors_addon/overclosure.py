@@ -24,6 +24,7 @@ from .effort import CLEARING, PARTING, Effort, apply
 from .mesh import Float
 from .overclosure_check import (
     CONTAINED,
+    Bounds,
     Finding,
     PairGaps,
     asked_gaps,
@@ -115,11 +116,12 @@ def remove_overclosure(
     settings = settings or OverclosureSettings()
     solids = _solids(bodies, settings)
     asked = asked_gaps(solids, settings.gap, exclude, gaps or {})
-    before = find(solids, asked, _band(solids, settings), part(progress, 0.0, 0.1))
+    bounds: Bounds = {}
+    before = find(solids, asked, _band(solids, settings), part(progress, 0.0, 0.1), bounds=bounds)
     history: list[Step] = []
     if all(solid.share == 0 for solid in solids) and not all(finding.clear for finding in before):
         raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
-    efforts = _efforts(solids, asked, before, settings)
+    efforts = _efforts(solids, asked, before, bounds, settings)
     stop, after = "", before
     if any(not finding.clear for finding in before):
         stop, after = _removed(
@@ -159,6 +161,7 @@ def _efforts(
     solids: Sequence[Solid],
     asked: Mapping[tuple[int, int], float],
     before: Sequence[Finding],
+    bounds: Bounds,
     settings: OverclosureSettings,
 ) -> list[Effort]:
     """Return an effort for each pair that may have to be moved, in the order of the bodies.
@@ -176,7 +179,10 @@ def _efforts(
             continue
         size = max(float(np.abs(solid.vertices).max()) for solid in (one, two))
         margin = 2.0 * float(np.spacing(np.float32(size)))
-        efforts.append(Effort(Pair(one, two, gap), settings, margin, _stride((i, j), solids, asked, deepest)))
+        pair = Pair(one, two, gap)
+        for side in pair.sides:
+            side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
+        efforts.append(Effort(pair, settings, margin, _stride((i, j), solids, asked, deepest)))
     return efforts
 
 

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
+from . import triples
 from .bodies import Body, Solid
 from .booleans import shared_volume
+from .contact import Region
+from .distances import Distances, Target, distances
 from .intersect import crossings, piercings
 from .mesh import Float, Surface, edge_matrix
-from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, silent
 
 WIDEST = 1e6  # the largest gap, as in the settings
@@ -31,8 +33,8 @@ PairGaps = Mapping[tuple[str, str], float]
 """Gaps of single pairs, by their two names in either order."""
 
 
-Indices = dict[str, SurfaceIndex]
-"""The search structure of each body, by name, built once for a search through all pairs."""
+Bounds = dict[tuple[str, str], Float]
+"""By the names of a body and of another: no signed distance of the body's vertices (n,) is smaller."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,6 +154,7 @@ def find(
     band: float,
     progress: Progress = silent,
     volumes: bool = True,
+    bounds: Bounds | None = None,
 ) -> list[Finding]:
     """Return every pair that overlaps or is closer than `band`, the deepest first.
 
@@ -163,54 +166,59 @@ def find(
         Of the unit of the coordinates; pairs farther apart are not listed.
     volumes : bool
         Compute shared volumes, which needs manifold3d.
+    bounds : dict, optional
+        Is given what became known of the vertices.
     """
     found = []
-    indices: Indices = {}
+    targets = [Target(solid) for solid in solids]
     for number, ((i, j), gap) in enumerate(gaps.items()):
         progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
-        finding = measure(solids[i], solids[j], gap, max(band, 2.0 * gap), volumes, indices)
+        finding = measure(targets[i], targets[j], gap, max(band, 2.0 * gap), volumes, bounds)
         if finding is not None:
             found.append(finding)
     return sorted(found, key=lambda f: f.least)
 
 
 def measure(
-    one: Solid, two: Solid, gap: float, band: float, volumes: bool = True, indices: Indices | None = None
+    one: Target, two: Target, gap: float, band: float, volumes: bool = True, bounds: Bounds | None = None
 ) -> Finding | None:
     """Measure a pair anew; None where no node of one is within `band` of the other and nothing crosses."""
-    indices = {} if indices is None else indices
     a, b = one.surface, two.surface
     reach = band + 1e-9 * max(a.diagonal, b.diagonal)
     if (np.maximum(a.bounds[0], b.bounds[0]) - reach > np.minimum(a.bounds[1], b.bounds[1])).any():
         return None
     least, where, over = np.inf, np.zeros(3), []
-    inside = []
+    inside, near = [], []
     limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
     slack = _rounding(a) + _rounding(b)
     for own, other in ((one, two), (two, one)):
-        rows, distance, wrong = _signed(own.surface, other, reach, indices)
-        distance = distance - slack  # what is left of it in single precision
+        found = distances(own.surface, other, reach)
+        if bounds is not None:
+            bounds[own.solid.name, other.solid.name] = found.bound
+        near.append(_close(own.surface, found, slack))
+        rows, distance, wrong = found.rows, found.signed - slack, found.wrong  # less in single precision
         over.append(int((distance < limit).sum()))
         if len(rows) and distance.min() < least:
             least, where = float(distance.min()), own.surface.vertices[rows[np.argmin(distance)]]
-        deep: NDArray[np.bool_] = np.zeros(len(own.corner), dtype=bool)
+        deep: NDArray[np.bool_] = np.zeros(len(own.surface.vertices), dtype=bool)
         deep[rows[distance < 0]] = True
         # a ball whose socket has closed in on it comes free by its own side: that is no body in a body
         swallowed = deep.any() and wrong[distance < 0].mean() > SWALLOWED
         inside.append(deep if swallowed else np.zeros_like(deep))
-    pairs = max(len(crossings(a, b)), len(crossings(_single(a), _single(b))))
+    pairs = max(len(crossings(*near)), len(crossings(*(_single(part) for part in near))))
     if least >= band and not pairs:
         return None
-    if not np.isfinite(least):  # large faces cross, and no node is near
+    if least >= reach:  # large faces cross, and no node is near
         ends = ((one, two), (two, one))
-        least = min(float(_signed(s.surface, o, np.inf, indices)[1].min()) for s, o in ends)
+        least = min(float(distances(s.surface, o, np.inf).signed.min()) for s, o in ends)
     if pairs and least > 0:  # edges cross, and no node is inside: the place is theirs
-        places = np.concatenate((piercings(a, b).points(a), piercings(b, a).points(b)))
+        c, d = near
+        places = np.concatenate((piercings(c, d).points(c), piercings(d, c).points(d)))
         where = places[len(places) // 2] if len(places) else where
     contained = ""
     for own, other, deep in ((one, two, inside[0]), (two, one, inside[1])):
         if not contained and deep.any() and _whole_piece(own.surface, other.surface, deep):
-            contained = own.name
+            contained = own.solid.name
     state = CLEAR
     if contained:
         state = CONTAINED
@@ -222,8 +230,8 @@ def measure(
     if shared is None and volumes:
         shared = shared_volume(a, b)
     return Finding(
-        one.name,
-        two.name,
+        one.solid.name,
+        two.solid.name,
         gap,
         float(least),
         (over[0], over[1]),
@@ -257,12 +265,12 @@ def gap_map(
     reach = reach or 3.0 * float(np.median([solid.surface.mean_edge for solid in solids]))
     values = [np.full(len(solid.corner), reach) for solid in solids]
     pairs = asked_gaps(solids, 0.0, exclude, {})
-    indices: Indices = {}
+    targets = [Target(solid) for solid in solids]
     for number, (i, j) in enumerate(pairs):
         progress(number / len(pairs), f"gaps of {solids[i].name} and {solids[j].name}")
         for own, other in ((i, j), (j, i)):
-            rows, distance, _ = _signed(solids[own].surface, solids[other], reach, indices)
-            values[own][rows] = np.minimum(values[own][rows], distance)
+            found = distances(solids[own].surface, targets[other], reach, exact=True)
+            values[own][found.rows] = np.minimum(values[own][found.rows], found.signed)
     return {solid.name: solid.by_node(value, reach) for solid, value in zip(solids, values, strict=True)}
 
 
@@ -276,28 +284,13 @@ def same_surface(one: Solid, two: Solid) -> bool:
     return bool(np.abs(a.vertices[order[0]] - b.vertices[order[1]]).max(initial=0.0) <= close)
 
 
-def _signed(
-    surface: Surface, other: Solid, reach: float, indices: Indices
-) -> tuple[NDArray[np.int64], Float, NDArray[np.bool_]]:
-    """Signed distances of the vertices within `reach` of the other's box, and who leaves by the wrong side.
-
-    Returns (rows (k,), distances (k,), wrong (k,)).
-    """
-    low, high = other.surface.bounds
-    rows = np.flatnonzero(
-        ((surface.vertices >= low - reach) & (surface.vertices <= high + reach)).all(axis=1)
-    )
-    if not len(rows):
-        return rows, np.zeros(0), np.zeros(0, dtype=bool)
-    if other.name not in indices:
-        indices[other.name] = SurfaceIndex(other.surface)
-    index = indices[other.name]
-    found = index.closest(surface.vertices[rows])
-    normal = index.pseudonormals(found)
-    side = np.einsum("ij,ij->i", surface.vertices[rows] - found.point, normal)
-    inside = (side < 0) & ~other.on_border(found)
-    wrong = np.einsum("ij,ij->i", surface.vertex_normals[rows], normal) > 0
-    return rows, np.where(inside, -found.distance, found.distance), wrong
+def _close(surface: Surface, found: Distances, slack: float) -> Surface:
+    """The faces that may cross the other surface: all their corners are within a side's length of it."""
+    faces = surface.faces
+    farthest = triples.greatest(found.apart[faces]) - slack
+    chosen = np.flatnonzero(farthest <= surface.longest)
+    sides = np.sqrt(triples.longest_squared(surface.vertices.take(faces[chosen], axis=0)))
+    return Region.cut(surface, chosen[farthest[chosen] <= sides * (1.0 + 1e-9) + slack]).surface
 
 
 def _single(surface: Surface) -> Surface:
@@ -308,7 +301,7 @@ def _single(surface: Surface) -> Surface:
 def _rounding(surface: Surface) -> float:
     """Return how far single precision moves a vertex, at most."""
     rounded = surface.vertices.astype(np.float32).astype(np.float64)
-    return float(np.sqrt(np.max(np.sum((rounded - surface.vertices) ** 2, axis=1), initial=0.0)))
+    return float(triples.length(rounded - surface.vertices).max(initial=0.0))
 
 
 def _whole_piece(surface: Surface, other: Surface, deep: NDArray[np.bool_]) -> bool:

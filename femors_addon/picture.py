@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .colours import linear
 from .mesh import Float, Surface
 from .raster import fragments
-from .vectors import unit
+from .triples import unit
 
 BONE = (0.83, 0.80, 0.74)
 """sRGB colour of a surface that shows no quantity."""

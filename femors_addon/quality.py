@@ -17,7 +17,7 @@ from .intersect import Piercings, crossings, piercings, self_intersections
 from .limits import Limits
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
-from .vectors import unit
+from .triples import unit
 
 __all__ = [
     "Comparison",

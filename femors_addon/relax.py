@@ -17,7 +17,7 @@ from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
 from .progress import Preview, Progress, unseen
-from .vectors import cross, dot, unit
+from .triples import cross, dot, unit
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections

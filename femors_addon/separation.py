@@ -13,7 +13,7 @@ import numpy as np
 from .contact import Pair, Region
 from .intersect import piercings
 from .mesh import Float, Surface
-from .vectors import unit
+from .triples import unit
 
 WRONG = 0.05  # of the nodes inside the other body: as many leaving by the wrong side make a pair suspicious
 THICK = 0.4  # of the mean thickness: a way apart below this is no passage through a body

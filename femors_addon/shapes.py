@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from .isosurface import halved, meshed
 from .mesh import Float, Surface
-from .vectors import unit
+from .triples import unit
 
 Step = tuple[str, float]
 """A kind of warp and its strength."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .files import BadNumber, floats, looks_like_text, shown
 from .mesh import Float, Int, triangulate
 from .progress import FemorsError
-from .vectors import unit
+from .triples import unit
 
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = 84

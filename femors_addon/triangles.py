@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from .mesh import Float, Int
-from .vectors import dot
+from .triples import dot
 
 THIN = 1e-4  # squared sine of the angle at corner a, below which dot products have lost too many digits
 NEAR = 1e-8  # of |p - a|^2: squared distances below have been rounded away, and are worked out anew

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from femors_addon.mesh import Cleaned, Surface, clean, oriented, triangulate, winding_number
 from femors_addon.progress import FemorsError
 from femors_addon.shapes import box, sphere
-from femors_addon.vectors import unit
+from femors_addon.triples import unit
 
 
 def together(*surfaces: Surface) -> Surface:
