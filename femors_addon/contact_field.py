@@ -12,15 +12,14 @@ amounts c are found so that the field does along each way n what is asked of it 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
 from . import triples
+from .cells import LN2, Cells
 from .contact import Contacts
-from .grnn import LN2, Cells
 from .mesh import Float, Int
 
 FADE, END = 1.7, 2.6  # spreads from the patch: where the field begins to fade, and where it is zero
@@ -97,19 +96,8 @@ def _kernel(points: Float, spread: float) -> sparse.csr_matrix:
 
 def _sums(centres: Float, vectors: Float, spread: float, points: Float) -> Float:
     """Sums (p, 4) of weighted vectors and of weights, in single precision."""
-    cells = Cells.of(centres, CUT * spread)
-    values = np.column_stack((vectors, np.ones(len(centres)))).astype(np.float32)
-    scale = math.sqrt(LN2) / spread
-    out = np.zeros((len(points), 4))
-    for origin, rows, chosen in cells.meetings(points):
-        x = ((points[rows] - origin) * scale).astype(np.float32)
-        c = ((centres[chosen] - origin) * scale).astype(np.float32)
-        exponent = (2.0 * x) @ c.T
-        exponent -= np.einsum("ij,ij->i", c, c)[None, :]
-        exponent -= np.einsum("ij,ij->i", x, x)[:, None]
-        np.exp(exponent, out=exponent)
-        out[rows] = exponent @ values[chosen]
-    return out
+    values = np.column_stack((vectors, np.ones(len(centres))))
+    return Cells.of(centres, CUT * spread).sums(values, spread, points).astype(np.float64)
 
 
 def representatives(points: Float, asked: Float, size: float) -> Int:

@@ -22,28 +22,24 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage, sparse
 from scipy.spatial import cKDTree
 
+from .cells import LN2, Cells
 from .mesh import Float, Int, frozen
 from .progress import FemorsError, Progress, silent
 
-LN2 = math.log(2.0)
 TOLERANCE = 1e-4
 CUT = 3.9
 ROUGH, ROUGH_CUT, ROUGH_GRID = 2e-3, 3.2, 2.2  # the same three, for steps that are measured anew
 REACHES = (1.3, 3.0, 6.0)  # spreads to the nearest centre: the classes of queries
-WIDEST = 3.0  # cut-off lengths that a cell may measure: single precision bears no more
-CELL_FILL = 6  # centres a cell, at least, on average
 GRID_PER_SIGMA = 3.2
 GRID_CELLS = 3_000_000
 TAPS_COST = 200  # of laying a centre on the grid or reading a query there, in kernel values of the blocks
-CACHED = 250_000  # kernel values of a meeting of cells at a time: 1 MB, for the processor's cache
 BLOCK = 4_000_000  # kernel values at a time: 16 MB in single, 32 MB in double precision
 
 
@@ -146,25 +142,10 @@ class DisplacementField:
 
     def _by_cells(self, cells: Cells, points: Float, nearest: Float, progress: Progress) -> Float:
         """Evaluate over the centres in the 27 cells around each query."""
-        out = np.empty_like(points)
-        values = np.column_stack((self.displacements, np.ones(len(self.centres)))).astype(np.float32)
-        scale = math.sqrt(LN2) / self.spread
+        values = np.column_stack((self.displacements, np.ones(len(self.centres))))
         # relative to the nearest centre's weight: no query's sum is faint
-        shift = (LN2 * nearest**2).astype(np.float32)
-        seen = 0
-        for origin, rows, chosen in cells.meetings(points):
-            progress(seen / len(points), "displacement field")
-            seen += len(rows)
-            x = ((points[rows] - origin) * scale).astype(np.float32)
-            c = ((self.centres[chosen] - origin) * scale).astype(np.float32)
-            # 2 x c - c^2 + (shift - x^2) in one product
-            left = np.column_stack((2.0 * x, np.ones(len(x), np.float32), shift[rows] - _square(x)))
-            right = np.column_stack((c, -_square(c), np.ones(len(c), np.float32)))
-            exponent = left @ right.T
-            np.exp(exponent, out=exponent)
-            sums = exponent @ values[chosen]
-            out[rows] = sums[:, :3] / sums[:, 3:]
-        return out
+        sums = cells.sums(values, self.spread, points, LN2 * nearest**2, progress)
+        return (sums[:, :3] / sums[:, 3:]).astype(np.float64)
 
     def _far(self, points: Float, progress: Progress) -> Float:
         """The definition over the nearest centres only, as many as can matter."""
@@ -190,69 +171,6 @@ class DisplacementField:
                 out[open_points] = self.exact(points[open_points], progress)
                 break
         return out
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Cells:
-    """Centres sorted into cubes of one cut-off length, so that 27 cubes hold all within reach."""
-
-    size: float
-    low: Float
-    shape: tuple[int, int, int]
-    keys: Int  # (n,) cell of each centre, ascending
-    order: Int  # (n,) centre indices in that order
-
-    @classmethod
-    def of(cls, centres: Float, size: float) -> Cells:
-        low = centres.min(axis=0)
-        widest = WIDEST * size
-        # never more cells than a 64-bit key can count
-        size = max(size, float(np.ptp(centres, axis=0).max()) / 1e5)
-        while True:
-            cell = np.floor((centres - low) / size).astype(np.int64) + 1
-            nx, ny, nz = (int(n) for n in cell.max(axis=0) + 2)
-            keys = (cell[:, 0] * ny + cell[:, 1]) * nz + cell[:, 2]
-            order = np.argsort(keys, kind="stable")
-            keys = keys[order]
-            # a cell costs a few calls: fewer, fuller cells are cheaper where the spread is tiny
-            full = np.count_nonzero(np.diff(keys)) * CELL_FILL < len(keys)
-            if full or size > widest:
-                return cls(size, low, (nx, ny, nz), keys, order)
-            size *= 1.5
-
-    @cached_property
-    def typical(self) -> float:
-        """Centres in the 27 cells around a centre, on average over a sample."""
-        sample = self.keys[:: max(len(self.keys) // 256, 1)]
-        start, stop = self._bounds(sample)
-        return float((stop - start).sum(axis=1).mean())
-
-    def _bounds(self, keys: Int) -> tuple[Int, Int]:
-        """Where the nine rows of three cells around cells (k,) start and stop in `order`, (k, 9) each."""
-        plane, row = self.shape[1] * self.shape[2], self.shape[2]
-        around = np.array([i * plane + j * row for i in (-1, 0, 1) for j in (-1, 0, 1)])
-        base = np.asarray(keys)[:, None] + around
-        start = np.searchsorted(self.keys, base - 1, side="left")
-        return start, np.searchsorted(self.keys, base + 1, side="right")
-
-    def meetings(self, points: Float) -> Iterator[tuple[Float, Int, Int]]:
-        """Yield (origin, query rows, centre indices), at most `CACHED` pairs at a time, or 16 queries."""
-        cell = np.floor((points - self.low) / self.size).astype(np.int64) + 1
-        inside = np.flatnonzero(((cell >= 0) & (cell < self.shape)).all(axis=1))
-        cell = cell[inside]
-        keys = (cell[:, 0] * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2]
-        order = np.argsort(keys, kind="stable")
-        unique, first = np.unique(keys[order], return_index=True)
-        starts, stops = self._bounds(unique)
-        for start, stop, rows in zip(starts, stops, np.split(inside[order], first[1:]), strict=True):
-            ranges = [self.order[a:b] for a, b in zip(start, stop, strict=True) if b > a]
-            if not ranges:
-                continue
-            chosen = np.concatenate(ranges)
-            origin = points[rows[0]]
-            step = max(CACHED // len(chosen), 16)
-            for at in range(0, len(rows), step):
-                yield origin, rows[at : at + step], chosen
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -333,11 +251,6 @@ class _Grid:
         start = np.arange(0, 64 * len(points) + 1, 64, dtype=np.int32)
         taps = (weights.ravel(), index.ravel(), start)
         return sparse.csr_matrix(taps, shape=(len(points), math.prod(self.shape)))
-
-
-def _square(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Squared length (k,) of each row, in the rows' precision."""
-    return np.asarray(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def _parts(count: int) -> list[slice]:

@@ -17,7 +17,7 @@ from .mesh import Float, Int, Surface
 from .progress import Progress, silent
 from .triangles import Triangles
 
-FIRST_NEIGHBOURS = 5  # vertices
+FIRST_NEIGHBOURS = 6  # vertices
 BLOCK_PAIRS = 64_000  # point-triangle pairs at a time: what they need stays in the processor's cache
 
 
@@ -108,7 +108,7 @@ class SurfaceIndex:
             if k == len(members):
                 return
             open_points, seen = np.concatenate(still), k
-            k = min(4 * k, len(members))
+            k = min(2 * k, len(members))
 
     def _look(
         self,

@@ -22,7 +22,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT)]
 
-from femors_addon import grnn, intersect, nearest, relax, shapes, triangles  # noqa: E402
+from femors_addon import cells, grnn, intersect, nearest, relax, shapes, triangles  # noqa: E402
 from femors_addon.morph import morph  # noqa: E402
 
 COMMITTED = Path(__file__).with_name("counts.json")
@@ -53,22 +53,23 @@ def counting() -> Iterator[Counter[str]]:
 
         return wrapper
 
-    meetings = grnn.Cells.meetings
+    meetings = cells.Cells.meetings
 
-    def met(self: Any, points: Any) -> Iterator[Any]:
-        for origin, rows, chosen in meetings(self, points):
-            total["kernel pairs"] += len(rows) * len(chosen)
-            yield origin, rows, chosen
+    def met(self: Any, cell: Any) -> Iterator[Any]:
+        for queries, ranges in meetings(self, cell):
+            centres = sum(part.stop - part.start for part in ranges)
+            total["kernel pairs"] += (queries.stop - queries.start) * centres
+            yield queries, ranges
 
     for label, owner, name, amount in PLACES:
         original = getattr(owner, name)
         originals.append((owner, name, original))
         setattr(owner, name, counted(label, original, amount))
-    grnn.Cells.meetings = met  # type: ignore[method-assign]
+    cells.Cells.meetings = met  # type: ignore[method-assign]
     try:
         yield total
     finally:
-        grnn.Cells.meetings = meetings  # type: ignore[method-assign]
+        cells.Cells.meetings = meetings  # type: ignore[method-assign]
         for owner, name, original in originals:
             setattr(owner, name, original)
 
