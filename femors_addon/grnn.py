@@ -35,11 +35,11 @@ from .progress import FemorsError, Progress, silent
 
 TOLERANCE = 1e-4
 CUT = 3.9
-ROUGH, ROUGH_CUT, ROUGH_GRID = 2e-3, 3.2, 2.2  # the same three, for steps that are measured anew
+ROUGH, ROUGH_CUT, ROUGH_GRID = 2e-3, 3.2, 1.8  # the same three, for steps that are measured anew
 REACHES = (1.3, 3.0, 6.0)  # spreads to the nearest centre: the classes of queries
 GRID_PER_SIGMA = 3.2
 GRID_CELLS = 3_000_000
-TAPS_COST = 200  # of laying a centre on the grid or reading a query there, in kernel values of the blocks
+TAP_COST = 3.2  # of each node of the grid that a centre is laid on or a query read from, in kernel values
 BLOCK = 4_000_000  # kernel values at a time: 16 MB in single, 32 MB in double precision
 
 
@@ -111,8 +111,8 @@ class DisplacementField:
         cells = Cells.of(self.centres, self.spread * math.hypot(limit, ROUGH_CUT if self.rough else CUT))
         if limit == REACHES[0]:
             grid = _Grid.fitting(self.centres, points, self.spread, self.rough)
-            taps = TAPS_COST * (len(points) + len(self.centres))
-            if grid is not None and grid.cost + taps < len(points) * cells.typical:
+            handled = len(points) + len(self.centres)
+            if grid is not None and grid.cost(handled) < len(points) * cells.typical:
                 return grid.smooth(self, points, progress)
         return self._by_cells(cells, points, nearest, progress)
 
@@ -182,6 +182,7 @@ class _Grid:
     shape: tuple[int, int, int]
     sigma: float  # of the Gaussian, in cells
     radius: int  # of the Gaussian's cut-off, in cells
+    order: int  # of the B-splines: 3 cubic, 2 quadratic
 
     @classmethod
     def fitting(cls, centres: Float, points: Float, spread: float, rough: bool = False) -> _Grid | None:
@@ -199,13 +200,12 @@ class _Grid:
         if float(np.prod(extent + 4)) > GRID_CELLS:
             return None
         nx, ny, nz = (int(n) + 4 for n in extent)
-        return cls(low, step, (nx, ny, nz), sigma / step, math.ceil(cut / step))
+        return cls(low, step, (nx, ny, nz), sigma / step, math.ceil(cut / step), 2 if rough else 3)
 
-    @property
-    def cost(self) -> float:
-        """Work in units of one kernel value of the block rule."""
-        taps = 3 * (2 * self.radius + 1)
-        return 4 * math.prod(self.shape) * taps * 0.5
+    def cost(self, handled: int) -> float:
+        """Work with so many centres and queries, in units of one kernel value of the block rule."""
+        smoothing = 4 * math.prod(self.shape) * 3 * (2 * self.radius + 1) * 0.5
+        return smoothing + TAP_COST * (self.order + 1) ** 3 * handled
 
     def smooth(self, field: DisplacementField, points: Float, progress: Progress) -> Float:
         """Evaluate the field's smoothed sums at points (p, 3), all within reach of a centre."""
@@ -215,8 +215,8 @@ class _Grid:
         for rows in _parts(len(field.centres)):
             progress(0.4 * rows.start / len(field.centres), "displacement field")
             grids += self._taps(field.centres[rows]).T @ values[rows]
-        # a cubic B-spline has variance 1/3: taken off the kernel for spreading and for reading
-        narrow = math.sqrt(self.sigma**2 - 2.0 / 3.0)
+        # a B-spline has a twelfth of its order plus one as variance: taken off for laying and for reading
+        narrow = math.sqrt(self.sigma**2 - (self.order + 1) / 6.0)
         kernel = _gauss(narrow, self.radius)
         for column in range(4):
             progress(0.4 + 0.1 * column, "displacement field")
@@ -232,25 +232,34 @@ class _Grid:
         return out
 
     def _taps(self, points: Float) -> sparse.csr_matrix:
-        """B-spline weights (p, cells), 64 of each point; those of points off the grid are zero."""
+        """B-spline weights (p, cells), 64 or 27 of each point; those of points off the grid are zero."""
         at = (points - self.low) / self.step
-        base = np.floor(at).astype(np.int32)
+        width = self.order + 1
+        base = (np.floor(at) if self.order == 3 else np.rint(at)).astype(np.int32)
         t = at - base
-        inside = ((base >= 1) & (base + 2 < self.shape)).all(axis=1)
-        base = np.clip(base, 1, np.array(self.shape, dtype=np.int32) - 3)
-        spline = np.stack(
-            ((1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3), axis=1
-        ) / (6.0)
-        offset = np.arange(-1, 3, dtype=np.int32)
+        inside = ((base >= 1) & (base + width - 2 < self.shape)).all(axis=1)
+        base = np.clip(base, 1, np.array(self.shape, dtype=np.int32) - width + 1)
+        spline = np.stack(_cubic(t) if self.order == 3 else _quadratic(t), axis=1)
+        offset = np.arange(-1, width - 1, dtype=np.int32)
         x, y, z = (base[:, axis, None] + offset for axis in range(3))
-        index = ((x[:, :, None] * self.shape[1] + y[:, None, :])[..., None] * self.shape[2]) + z[
-            :, None, None, :
-        ]
+        column = (x[:, :, None] * self.shape[1] + y[:, None, :])[..., None] * self.shape[2]
+        index = column + z[:, None, None, :]
         weights = spline[:, :, None, None, 0] * spline[:, None, :, None, 1] * spline[:, None, None, :, 2]
         weights *= inside[:, None, None, None]
-        start = np.arange(0, 64 * len(points) + 1, 64, dtype=np.int32)
+        start = np.arange(0, width**3 * len(points) + 1, width**3, dtype=np.int32)
         taps = (weights.ravel(), index.ravel(), start)
         return sparse.csr_matrix(taps, shape=(len(points), math.prod(self.shape)))
+
+
+def _cubic(t: Float) -> tuple[Float, ...]:
+    """Weights of the four nodes around a point, t in [0, 1) after the second."""
+    near, far = 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1
+    return (1 - t) ** 3 / 6.0, near / 6.0, far / 6.0, t**3 / 6.0
+
+
+def _quadratic(t: Float) -> tuple[Float, ...]:
+    """Weights of the three nodes around a point, t in [-0.5, 0.5] from the middle one."""
+    return 0.5 * (0.5 - t) ** 2, 0.75 - t * t, 0.5 * (0.5 + t) ** 2
 
 
 def _parts(count: int) -> list[slice]:

@@ -183,8 +183,7 @@ def test_the_bound_holds_between_two_sheets(surfaces):
 @pytest.mark.parametrize("name", ["bone", "ball", "slab"])
 def test_the_grid_keeps_its_bound(surfaces, name, kind, monkeypatch):
     """By itself it is taken for tens of thousands of centres only; here for a few thousand too."""
-    monkeypatch.setattr(grnn._Grid, "cost", 0)
-    monkeypatch.setattr(grnn, "TAPS_COST", 0)
+    monkeypatch.setattr(grnn._Grid, "cost", lambda self, handled: 0.0)
     seen = ways_taken(monkeypatch)
     centres, edge = surfaces[name].vertices, surfaces[name].mean_edge
     values = smooth(centres) if kind == "smooth" else np.random.default_rng(1).normal(size=centres.shape)
@@ -210,8 +209,7 @@ def test_a_rough_field_keeps_its_wider_bound_by_cells_and_by_grid(surfaces, name
         at = np.concatenate([around(centres, r * field.spread, 300, 7) for r in (0.0, 0.5, 1.2)])
         exact = field.exact(at)
         for cost, way in ((0.0, "smooth"), (1e18, "_by_cells")):
-            monkeypatch.setattr(grnn._Grid, "cost", cost)
-            monkeypatch.setattr(grnn, "TAPS_COST", 0)
+            monkeypatch.setattr(grnn._Grid, "cost", lambda self, handled, cost=cost: cost)
             seen.clear()
             error = np.linalg.norm(
                 field._within(at, np.zeros(len(at)), grnn.REACHES[0], silent) - exact, axis=1
