@@ -14,6 +14,8 @@ STAT = {"median", "p99", "maximum"}
 LOUD = ("faults", "warnings", "notes")
 LONGEST = 40
 """Rows of a table of records, and members of a list, that are printed; the JSON has them all."""
+WHOLE = ("landmarks",)
+"""Keys of tables that are printed whole: people look for a row of theirs."""
 WORDS = {
     "surface_to_target": "Surface distance, source to target",
     "target_to_surface": "Surface distance, target to source",
@@ -66,7 +68,7 @@ def sections(report: Mapping[str, Any]) -> list[Section]:
             value, (Mapping, list, tuple)
         ):
             continue
-        items = tuple(_items(value))
+        items = (_records(value, most=len(value)),) if key in WHOLE and value else tuple(_items(value))
         if items:
             out.append(Section(words(key), items))
     if isinstance(report.get("settings"), Mapping):
@@ -134,10 +136,11 @@ def _records_or_pairs(plain: Mapping[str, Any], caption: str = "") -> Iterator[T
         yield Table(("", ""), rows, caption)
 
 
-def _records(records: Any, caption: str = "") -> Table:
+def _records(records: Any, caption: str = "", most: int = LONGEST) -> Table:
     keys = list(dict.fromkeys(key for record in records for key in record))
-    rows = [tuple(_cell(record.get(key, "")) for key in keys) for record in records[:LONGEST]]
-    if len(records) > LONGEST:
+    keys = [key for key in keys if any(record.get(key) is not None for record in records)]
+    rows = [tuple(_cell(record.get(key, "")) for key in keys) for record in records[:most]]
+    if len(records) > most:
         rows.append((f"... {len(records)} in all", *[""] * (len(keys) - 1)))
     return Table(tuple(words(key) for key in keys), tuple(rows), caption)
 
@@ -175,4 +178,6 @@ def _cell(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return number(value)
+    if isinstance(value, (list, tuple)):  # a place
+        return ", ".join(f"{one:.5g}" if isinstance(one, float) else _cell(one) for one in value)
     return "" if value is None else str(value)
