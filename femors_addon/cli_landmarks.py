@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from . import cli_convert, deckfiles, files, landmarkfiles, landmarks
 from .carry import Carrier
 from .cli_transfer import MARKS, REPORT, TABLE, table_of, write_all
@@ -22,8 +20,8 @@ from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part
 from .report_files import check_ending, report_bytes
-from .report_transfer import Carried, landmark_rows, transfer_figures
-from .transfer import Transfer, Transferred
+from .report_transfer import landmark_rows, landmarks_of, transfer_figures
+from .transfer import Transfer
 from .transfer_settings import AxesSettings, TransferSettings
 from .version import version
 
@@ -87,10 +85,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         try:
             one = _predicted(source, aim, mark, settings, steer, args.project, step)
         except FemorsError as error:
-            text = str(error).replace("source:", f"{name}:", 1).replace("target:", f"{target}:", 1)
-            raise FemorsError(text) from None
+            raise FemorsError(_with_file(str(error), name, target, False)) from None
         found.append(one)
-        notes += [f"{name}: {note}" for note in one.notes]
+        notes += [_with_file(note, name, target) for note in one.notes]
         faults += [f"{name}: {fault}" for fault in one.faults]
     console.end_progress()
     median, missing = landmarks.median_of([one.prediction for one in found])
@@ -115,6 +112,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
     for fault in faults:
         console.warn(f"{fault}; the result is written")
     return 1 if faults else 0
+
+
+def _with_file(text: str, template: str, target: str, always: bool = True) -> str:
+    """Name the file in a sentence of the core about the "source" or the "target"."""
+    for role, path in (("source: ", template), ("target: ", target)):
+        if text.startswith(role):
+            return f"{path}: {text.removeprefix(role)}"
+    return f"{template}: {text}" if always else text
 
 
 class _Found(NamedTuple):
@@ -184,12 +189,8 @@ def _encoded(
     size: float,
 ) -> bytes:
     """Return the report in its format, with the landmarks before (on the first template) and after."""
-    assert median.before is not None
-    none = np.zeros(len(median.points))
-    moved = Transferred(median.points, median.distance, none, median.projected)
-    after = SurfaceIndex(clean(aim.vertices, aim.faces, "target").surface).signed(median.points)
-    carried = Carried("landmarks", median.before, moved, after, median.names)
-    report["landmarks"] = landmark_rows(carried, size, median)
+    carried = landmarks_of(median, aim)
+    report = {"landmarks": landmark_rows(carried, size, median), **report}
     title = f"Landmarks on {Path(report['files']['target']).name}"
     return report_bytes(path, report, title, lambda: transfer_figures(source, aim, [carried]))
 

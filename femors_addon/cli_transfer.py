@@ -132,7 +132,7 @@ def _report(args: argparse.Namespace, transfer: Transfer, done: Sequence[_Output
     known = {os.path.basename(one.path): one.prediction for one in done if one.prediction is not None}
     onto = "" if args.project is None else os.path.basename(args.project)
     names = {"field": args.field, "inputs": args.inputs, "out": args.out, "project": args.project}
-    report = {"femors": version(), "files": names, **transfer_report(transfer, carried, known, onto)}
+    report = {"femors": version(), **transfer_report(transfer, carried, known, onto), "files": names}
 
     def figures() -> list[Section]:
         before, after = transfer.surfaces()

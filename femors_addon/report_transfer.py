@@ -11,10 +11,12 @@ import numpy as np
 
 from .carry import FADE
 from .landmarks import Prediction
-from .mesh import Float, Surface
+from .mesh import Float, Surface, clean
+from .nearest import SurfaceIndex
 from .picture import BONE, Shown, picture, views
 from .plots import histogram
 from .quality import Stat
+from .regions import Region
 from .report_figures import TARGET, with_unit
 from .report_html import Figure, Item, Section
 from .shapes import sphere
@@ -22,6 +24,7 @@ from .transfer import Transfer, Transferred
 
 DOT, DOT_SIZE = (0.80, 0.18, 0.12), 0.012  # a landmark in pictures: colour, and radius of the size
 CARRIED = (0.45, 0.66, 0.38)
+ROUNDING = 1e-7  # of the size
 FEW = 30  # points: fewer make no histogram
 SURFACES = {False: ("source, aligned", "target"), True: ("target", "source")}
 """From and to what distances are measured, by `TransferSettings.inverse`."""
@@ -52,6 +55,14 @@ class Carried:
     faces: Any = None
 
 
+def landmarks_of(known: Prediction, target: Surface) -> Carried:
+    """Return landmarks that were predicted on a target, measured from its surface."""
+    assert known.before is not None
+    moved = Transferred(known.points, known.distance, np.zeros(len(known.points)), known.projected)
+    after = SurfaceIndex(clean(target.vertices, target.faces, "target").surface).signed(known.points)
+    return Carried("landmarks", known.before, moved, after, known.names)
+
+
 def in_range(distance: float, size: float) -> str:
     """Return in words how far a field of a size reaches at a distance from its surface."""
     if abs(distance) <= FADE[0] * size:
@@ -72,6 +83,8 @@ def landmark_rows(carried: Carried, size: float, known: Prediction | None = None
         Of the same landmarks in the same order.
     """
     columns = {} if known is None else known.columns()
+    if known is not None and known.templates.max() < 2:
+        columns = {key: columns[key] for key in ("residual", "stretch")}
     rows = []
     for row, name in enumerate(carried.names):
         distance = float(carried.moved.distance[row])
@@ -79,10 +92,10 @@ def landmark_rows(carried: Carried, size: float, known: Prediction | None = None
             "landmark": name,
             "before": [float(value) for value in carried.before[row]],
             "after": [float(value) for value in carried.moved.points[row]],
-            "distance_before": distance,
-            "distance_after": finite(carried.after[row]),
+            "distance_before": tidy(distance, size),
+            "distance_after": tidy(carried.after[row], size),
             "in_range": in_range(distance, size),
-            "projected": float(carried.moved.projected[row]),
+            "projected": tidy(carried.moved.projected[row], size),
         }
         for key in ("residual", "stretch", "spread", "templates"):
             if key in columns:
@@ -106,6 +119,25 @@ def thing_row(carried: Carried, size: float) -> dict[str, Any]:
         "error_of_the_inverse": Stat.of(moved.error).as_dict() if moved.error.any() else None,
         "put_back_to_its_side": moved.kept or None,
     }
+
+
+def region_rows(regions: Mapping[str, Region]) -> list[dict[str, Any]]:
+    """Return one record for each region on a target's mesh."""
+    return [
+        {
+            "region": name,
+            "vertices": int(np.count_nonzero(region.weights)),
+            "area": finite(region.area),
+            "area_error": finite(region.area_error),
+            "centroid_off_by": finite(region.centroid_error),
+        }
+        for name, region in regions.items()
+    ]
+
+
+def tidy(value: float, size: float) -> float | None:
+    """Return a length, 0 where single precision would have it so, None where it is not known."""
+    return (float(value) if abs(value) > ROUNDING * size else 0.0) if np.isfinite(value) else None
 
 
 def finite(value: Any) -> Any:
@@ -137,7 +169,6 @@ def transfer_report(
     ends = f"'{onto}'" if onto else f"the {after}, where the field has it"
     out: dict[str, Any] = {
         "kind": "transfer",
-        "field": {"name": field.name, "made": field.date or None, "size": size, "reach": FADE[0] * size},
         "distance_before": f"from the {before}; negative inside",
         "distance_after": f"from {ends}; negative inside" if transfer.settings.strength == 1.0 else None,
     }
@@ -151,6 +182,7 @@ def transfer_report(
     things = [thing_row(one, size) for one in carried if not one.names]
     if things:
         out["carried"] = things
+    out["field"] = {"name": field.name, "made": field.date or None, "size": size, "reach": FADE[0] * size}
     out["notes"] = [f"{one.name}: {note}" for one in carried for note in one.moved.notes]
     out["faults"] = [f"{one.name}: {fault}" for one in carried for fault in one.moved.faults]
     out["settings"] = dataclasses.asdict(transfer.settings)

@@ -230,7 +230,9 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
             marks.add(context, title, got.marks.names, got.marks.points, got.marks.columns(), again=True)
         if got.marks is not None:
             transfer_write.table(context.scene.femors_transfer, self._field, got.marks)
-        return self._groups_line(target, got, made)
+        level, line = self._groups_line(target, got, made)
+        transfer_write.report(context.scene.femors_transfer, self._field, got.report, {}, target.name)
+        return level, line
 
     def _groups_line(self, target: bpy.types.Object, got: Any, made: list[str]) -> tuple[str, str]:
         parts, faults = [], list(got.notes)
@@ -288,6 +290,10 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
                     after, name, {key: v[copies.index(after)] for key, v in prediction.columns().items()}
                 )
             transfer_write.table(context.scene.femors_transfer, self._field, prediction)
+        after = [item.name for item in (made or items)]
+        pairs = dict(zip([name for name, _, _ in self._before], after, strict=True))
+        onto = self._target.name if self._target is not None else ""
+        transfer_write.report(context.scene.femors_transfer, self._field, got.report, pairs, onto)
         if len(items) > MOST:
             lines = [f"{len(items)} objects carried by '{self._field}'"]
         if made:

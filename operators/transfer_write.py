@@ -45,3 +45,21 @@ def table(form: Any, title: str, prediction: Any) -> None:
         for key, values in columns.items():
             if not np.isnan(values[row]):
                 setattr(mark, key, values[row])
+
+
+def report(form: Any, field: str, figures: dict[str, Any], carried: dict[str, str], target: str) -> None:
+    """Keep a transfer's figures with the form, for a report.
+
+    Parameters
+    ----------
+    field : str
+        Name of the field's Text.
+    figures : dict
+        As the worker made them.
+    carried : dict of str to str
+        The objects' names before and after.
+    target : str
+        Name of the mesh that got groups or was projected onto; "" for none.
+    """
+    names = {"field": field, "target": target or None, "carried": carried}
+    form.report = json.dumps({**figures, "objects": names})

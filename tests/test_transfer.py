@@ -410,7 +410,7 @@ def test_landmarks_of_several_templates(subjects, tmp_path, capsys):
     for row, place in zip(report["landmarks"], got.points, strict=True):
         assert row["before"] == pytest.approx(first[row["landmark"]]) and row["templates"] == 2
         assert row["after"] == pytest.approx(place)
-        assert row["distance_after"] == pytest.approx(target.signed(place)[0], abs=1e-6)
+        assert row["distance_after"] == pytest.approx(target.signed(place)[0], abs=1e-4)
     assert len(report["templates"]) == 2 and report["settings"]["alignment"] == "affine"
     alone = ["--template", folder / "one.ply", folder / "one.csv", *more[:3]]
     assert run(capsys, "landmarks", folder / "target.ply", *alone, "-o", tmp_path / "o2.csv")[0] == 0

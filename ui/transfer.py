@@ -115,6 +115,8 @@ class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.6
         button.operator("femors.transfer", text="Transfer", icon="TRACKING_FORWARDS_SINGLE")
+        if form.report:
+            layout.operator("femors.report", text="Write Report...", icon="FILE_TEXT").transfer = True
         draw_files(layout)
 
 
