@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
 from scipy.spatial import cKDTree
 
+from .limits import in_threads
 from .mesh import Float, Int, frozen
 from .progress import FemorsError, Progress, silent
 
@@ -151,10 +152,9 @@ class DisplacementField:
         scale = math.sqrt(LN2) / self.spread
         # relative to the nearest centre's weight: no query's sum is faint
         shift = (LN2 * nearest**2).astype(np.float32)
-        seen = 0
-        for origin, rows, chosen in cells.meetings(points):
-            progress(seen / len(points), "displacement field")
-            seen += len(rows)
+
+        def meet(meeting: tuple[Float, Int, Int]) -> int:
+            origin, rows, chosen = meeting
             x = ((points[rows] - origin) * scale).astype(np.float32)
             c = ((self.centres[chosen] - origin) * scale).astype(np.float32)
             # 2 x c - c^2 + (shift - x^2) in one product
@@ -164,6 +164,13 @@ class DisplacementField:
             np.exp(exponent, out=exponent)
             sums = exponent @ values[chosen]
             out[rows] = sums[:, :3] / sums[:, 3:]
+            return len(rows)
+
+        seen = 0
+        progress(0.0, "displacement field")
+        for count in in_threads(meet, cells.meetings(points)):
+            seen += count
+            progress(seen / len(points), "displacement field")
         return out
 
     def _far(self, points: Float, progress: Progress) -> Float:

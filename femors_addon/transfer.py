@@ -121,6 +121,8 @@ class Transfer:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if not len(points):
             raise FemorsError("has no points to be carried")
+        onto = 0 if self.onto is None else len(self.onto.surface.vertices)
+        self.carrier.require(onto + len(points))
         way = self.carrier.uncarry if self.settings.inverse else self.carrier.carry
         got = way(points, self.settings.strength, progress)
         return Transferred(got.points, got.distance, got.error, np.zeros(len(points)))

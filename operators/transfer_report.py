@@ -7,7 +7,6 @@ import json
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ..femors_addon.progress import FemorsError
 from . import heat, transfer_work
@@ -32,6 +31,8 @@ def figures(report: dict[str, Any], surface: Any) -> list[Any]:
     surface : callable
         Gives an object's surface as it is seen.
     """
+    import numpy as np
+
     from ..femors_addon.report_transfer import Carried, transfer_figures
     from ..femors_addon.transfer import Transferred
 
