@@ -276,7 +276,7 @@ def _volume(pairs: list[dict[str, Any]], factor: float) -> str:
 
 def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over: str, icon: str) -> None:
     """Draw a row of the table of pairs, the two names one below the other."""
-    split = layout.split(factor=0.48, align=True)
+    split = layout.split(factor=0.5, align=True)
     column = split.column(align=True)
     column.scale_y = 0.6 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
     for name in names:
