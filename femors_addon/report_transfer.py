@@ -23,6 +23,7 @@ from .shapes import sphere
 from .transfer import Transfer, Transferred
 
 DOT, DOT_SIZE = (0.80, 0.18, 0.12), 0.012  # a landmark in pictures: colour, and radius of the size
+NUDGE = 1e-3  # of the size: so much nearer to the eye is drawn what was carried
 CARRIED = (0.45, 0.66, 0.38)
 ROUNDING = 1e-7  # of the size
 FEW = 30  # points: fewer make no histogram
@@ -191,7 +192,11 @@ def transfer_report(
 
 # --- pictures -----------------------------------------------------------------------------------
 def transfer_figures(
-    before: Surface | None, after: Surface | None, carried: Sequence[Carried], unit: str = ""
+    before: Surface | None,
+    after: Surface | None,
+    carried: Sequence[Carried],
+    unit: str = "",
+    regions: tuple[Float | None, Float | None] = (None, None),
 ) -> list[Section]:
     """Return the sections "Pictures" and "Distributions" of a transfer.
 
@@ -201,21 +206,29 @@ def transfer_figures(
         What things were carried off, and what they end beside; None where it is not known any more.
     unit : str
         Of lengths; "" where it is not known.
+    regions : pair of (n,) and (m,) arrays, optional
+        Weights, 0 to 1, of the two surfaces' vertices: how far each is in a region.
     """
     items: list[Item] = []
-    for surface, colour, title, last in ((before, BONE, "Before", False), (after, TARGET, "After", True)):
+    for surface, weights, colour, title, last in (
+        (before, regions[0], BONE, "Before", False),
+        (after, regions[1], TARGET, "After", True),
+    ):
         if surface is None:
             continue
-        shown = [Shown(surface, colour)]
+        base = Shown(surface, colour if weights is None else _mixed(weights, colour))
+        beside = []
         for one in carried:
             points = one.moved.points if last else one.before
             if one.faces is not None and len(one.faces):
-                shown.append(Shown(Surface(points, one.faces), CARRIED))
+                beside.append(Shown(Surface(points, one.faces), CARRIED))
             elif one.names:
-                shown.append(Shown(dots(points, DOT_SIZE * surface.diagonal), DOT))
-        seen = [one.surface for one in shown]
-        for sight, word in zip(views(seen), ("", ", a quarter turn on"), strict=True):
-            items.append(Figure(picture(shown, sight), title + word))
+                beside.append(Shown(dots(points, DOT_SIZE * surface.diagonal), DOT))
+        sights = views([surface, *(one.surface for one in beside)])
+        for sight, word in zip(sights, ("", ", a quarter turn on"), strict=True):
+            closer = NUDGE * surface.diagonal * sight.towards  # what lies on the surface is seen
+            nudged = [Shown(one.surface.moved(one.surface.vertices + closer), one.colours) for one in beside]
+            items.append(Figure(picture([base, *nudged], sight), title + word))
     if any(one.names for one in carried) and items:
         items.append("Landmarks are the red dots; one inside the surface is hidden by it.")
     spread = {
@@ -229,6 +242,11 @@ def transfer_figures(
         words = "Distance of what was carried from the surface, before and after."
         sections.append(Section("Distributions", (Figure(drawn, words),)))
     return sections
+
+
+def _mixed(weights: Float, colour: tuple[float, float, float]) -> Float:
+    share = np.clip(weights, 0.0, 1.0)[:, None]
+    return share * np.array(CARRIED) + (1.0 - share) * np.array(colour)
 
 
 def dots(points: Float, radius: float) -> Surface:

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..femors_addon.progress import FemorsError
-from . import heat, transfer_work
+from . import heat, scene, transfer_work
 from .fields import all_fields, data_of
 
 
@@ -57,7 +57,25 @@ def figures(report: dict[str, Any], surface: Any) -> list[Any]:
         start = heat.surface_of(one)[0]
         carried.append(Carried(old, start.vertices, moved, none, faces=there.faces))
     home, end = _surfaces(report, surface)
-    return transfer_figures(home, end, carried)
+    names = [row["region"] for row in report.get("regions", [])]
+    weights: list[Any] = [None, None]
+    if names:
+        target = _mesh(report["objects"]["target"] or "")
+        source = _mesh(report["objects"]["source"] or "")
+        if source is not None:
+            home, weights[0] = surface(source), _weights(source, dict.fromkeys(names))
+        if target is not None:
+            weights[1] = _weights(target, report["objects"]["groups"])
+    return transfer_figures(home, end, carried, regions=(weights[0], weights[1]))
+
+
+def _weights(item: bpy.types.Object, groups: dict[str, Any]) -> Any:
+    """Return (n,) for each vertex its largest weight in groups, by their names or those that they got."""
+    import numpy as np
+
+    known = scene.all_group_weights(item)
+    found = [known[made or name] for name, made in groups.items() if (made or name) in known]
+    return np.max(found, axis=0) if found else np.zeros(len(item.data.vertices))
 
 
 def _surfaces(report: dict[str, Any], surface: Any) -> tuple[Any, Any]:

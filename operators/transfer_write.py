@@ -47,19 +47,15 @@ def table(form: Any, title: str, prediction: Any) -> None:
                 setattr(mark, key, values[row])
 
 
-def report(form: Any, field: str, figures: dict[str, Any], carried: dict[str, str], target: str) -> None:
+def report(form: Any, figures: dict[str, Any], **objects: Any) -> None:
     """Keep a transfer's figures with the form, for a report.
 
     Parameters
     ----------
-    field : str
-        Name of the field's Text.
     figures : dict
         As the worker made them.
-    carried : dict of str to str
-        The objects' names before and after.
-    target : str
-        Name of the mesh that got groups or was projected onto; "" for none.
+    **objects
+        Names of what took part: ``field`` (a Text), ``source`` and ``target`` (meshes, or None), ``groups``
+        (regions, and what they are called on the target), ``carried`` (objects before and after).
     """
-    names = {"field": field, "target": target or None, "carried": carried}
-    form.report = json.dumps({**figures, "objects": names})
+    form.report = json.dumps({**figures, "objects": objects})

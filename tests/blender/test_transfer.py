@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import bpy
 import numpy as np
@@ -135,6 +136,13 @@ def test_groups_have_a_report(morphed, tools, tmp_path):
     assert site["region"] == "site" and site["area"] > 0
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert page.count("data:image/png") == 4 and "<th>tip</th>" in page and bpy.app.version_string in page
+    painted = re.findall(r"data:image/png;base64,([^\"]+)", page)
+    for item in morphed[:2]:
+        for group in item.vertex_groups:  # no vertex is in a group any more
+            group.remove(list(range(len(item.data.vertices))))
+    assert bpy.ops.femors.report(filepath=str(tmp_path / "r.html"), transfer=True) == {"FINISHED"}
+    plain = re.findall(r"data:image/png;base64,([^\"]+)", (tmp_path / "r.html").read_text(encoding="utf-8"))
+    assert len(plain) == 4 and any(one != two for one, two in zip(painted, plain, strict=True))
     assert "landmarks.0.before.0" in (tmp_path / "r.csv").read_text()
 
 
