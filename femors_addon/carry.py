@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from .align import inverse, transformed
 from .frames import SmoothMap, principal_stretches, ramp
 from .keptfield import KeptField
+from .limits import require_nodes
 from .mesh import Float, Int, Surface
 from .nearest import Closest, SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
@@ -25,6 +26,7 @@ from .progress import FemorsError, Progress, part, silent
 SHARE = 0.5  # of a point's distance: the spread of the map there
 FADE = (0.15, 0.5)  # of the source's size: distances between which the deformation fades out
 MENDED = 2.0  # mean edges: how far from the surface the map is made to agree with the triangles
+MEMORY_LEAST, MEMORY_NODE = 40e6, 3.5e3  # bytes: what a transfer was measured to take, and per node of all
 ROUNDS = 12  # of the inverse's correction
 
 
@@ -60,6 +62,10 @@ class Carrier:
         self.size = field.aligned.diagonal
         self._home = inverse(field.transform)
 
+    def require(self, points: int) -> None:
+        """Raise `FemorsError` where so many points and the field need more memory than is allowed."""
+        require_nodes(len(self.field.centres) + points, "a transfer", MEMORY_LEAST, MEMORY_NODE)
+
     @cached_property
     def forth(self) -> _Way:
         """From aligned positions to the target."""
@@ -81,9 +87,10 @@ class Carrier:
         Raises
         ------
         FemorsError
-            Coordinates that are not finite, a strength outside 0 to 1.
+            Coordinates that are not finite, a strength outside 0 to 1, more memory needed than is allowed.
         """
         points = _checked(points, strength)
+        self.require(len(points))
         moved, distance = self.forth(transformed(self.field.transform, points), progress)
         return Carried(_blend(points, moved, strength), distance, np.zeros(len(points)))
 
@@ -93,6 +100,7 @@ class Carrier:
         The distance is that from the morphed surface.
         """
         points = _checked(points, strength)
+        self.require(len(points))
         here, distance = self.back(points, part(progress, 0.0, 0.2))
         best, error = here, np.full(len(points), np.inf)
         open_rows = np.arange(len(points))

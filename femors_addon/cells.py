@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
 from functools import cached_property
@@ -11,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .limits import in_threads
 from .mesh import Float, Int
 from .progress import Progress, silent
 
@@ -18,6 +20,8 @@ LN2 = math.log(2.0)
 WIDEST = 3.0  # cut-off lengths that a cell may measure: single precision bears no more
 CELL_FILL = 6  # centres a cell, at least, on average
 CACHED = 250_000  # kernel values of a meeting of cells at a time: 1 MB, for the processor's cache
+
+TOGETHER = 64  # meetings of cells between two reports of progress, and handed to a thread at once
 
 Single = NDArray[np.float32]
 
@@ -116,22 +120,28 @@ class Cells:
         left[:, 3] = 1.0
         left[:, 4] = -_square(x) if shift is None else shift[rows] - _square(x)
         found = np.zeros((len(rows), k), np.float32)
-        for queries, ranges in self.meetings(cell):
-            progress(queries.start / len(points), "displacement field")
-            near = np.concatenate([packed[part] for part in ranges])
-            c = near[:, k + 3 :] - cell[queries.start].astype(np.float32)
-            c *= width
-            c += near[:, k : k + 3]
-            right = np.empty((5, len(near)), np.float32)
-            right[:3] = c.T
-            np.negative(_square(c), out=right[3])
-            right[4] = 1.0
-            step = max(CACHED // len(near), 16)
-            for at in range(queries.start, queries.stop, step):
-                part = slice(at, min(at + step, queries.stop))
-                weights = left[part] @ right
-                np.exp(weights, out=weights)
-                np.matmul(weights, near[:, :k], out=found[part])
+
+        def meet(some: list[tuple[slice, list[slice]]]) -> int:
+            for queries, ranges in some:
+                near = np.concatenate([packed[part] for part in ranges])
+                c = near[:, k + 3 :] - cell[queries.start].astype(np.float32)
+                c *= width
+                c += near[:, k : k + 3]
+                right = np.empty((5, len(near)), np.float32)
+                right[:3] = c.T
+                np.negative(_square(c), out=right[3])
+                right[4] = 1.0
+                step = max(CACHED // len(near), 16)
+                for at in range(queries.start, queries.stop, step):
+                    part = slice(at, min(at + step, queries.stop))
+                    weights = left[part] @ right
+                    np.exp(weights, out=weights)
+                    np.matmul(weights, near[:, :k], out=found[part])
+            return some[-1][0].stop
+
+        meetings = self.meetings(cell)
+        for done in in_threads(meet, iter(lambda: list(itertools.islice(meetings, TOGETHER)), [])):
+            progress(done / len(points), "displacement field")
         out = np.zeros((len(points), k), np.float32)
         out[rows] = found
         return out

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from . import cli_convert, deckfiles, files, landmarkfiles, landmarks
 from .carry import Carrier
-from .cli_transfer import MARKS, TABLE, table_of, write_all
+from .cli_transfer import MARKS, REPORT, TABLE, table_of, write_all
 from .commandline import Console, add_settings, check_paths, settings_of
 from .landmarkfiles import Landmarks
 from .mesh import Surface, clean
@@ -19,8 +19,11 @@ from .morph import morph
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part
+from .report_files import check_ending, report_bytes
+from .report_transfer import landmark_rows, landmarks_of, transfer_figures
 from .transfer import Transfer
 from .transfer_settings import AxesSettings, TransferSettings
+from .version import version
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +52,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--project", action="store_true", help="lay the landmarks onto TARGET's surface")
     parser.add_argument("--table", metavar="T.csv", help=TABLE)
+    parser.add_argument("--report", metavar="R", help=REPORT)
     add_settings(parser, MorphSettings, {"alignment": "--align"})
     add_settings(parser, AxesSettings, {})
 
@@ -58,11 +62,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
     settings = settings_of(args, PRESETS[getattr(args, "setting_preset", "standard")])
     space = settings_of(args, AxesSettings()).space
     target, templates = _named_inputs(args)
-    others = [args.table] if args.table is not None else []
+    others = [path for path in (args.table, args.report) if path is not None]
     known = [args.known] if args.known is not None else []
     inputs = [target, *known, *(path for template in templates for path in template)]
     check_paths(inputs, [args.out, *others])
     landmarkfiles.ending_of(args.out)
+    if args.report is not None:
+        check_ending(args.report)
     files.check_writable(args.out, *others)
     marks = [landmarkfiles.read(csv, space) for _, csv in templates]
     steer = landmarkfiles.read(args.known, space) if known else None
@@ -70,26 +76,34 @@ def run(args: argparse.Namespace, console: Console) -> int:
     _check_different(templates)
     aim = _whole_surface(target)
     sources = [_whole_surface(mesh) for mesh, _ in templates]
-    found, notes, faults = [], [], []
+    found: list[_Found] = []
+    notes: list[str] = []
+    faults: list[str] = []
     for number, (source, mark) in enumerate(zip(sources, marks, strict=True)):
         step = part(console.progress, number / len(sources), (number + 1) / len(sources))
         name = templates[number][0]
         try:
             one = _predicted(source, aim, mark, settings, steer, args.project, step)
         except FemorsError as error:
-            text = str(error).replace("source:", f"{name}:", 1).replace("target:", f"{target}:", 1)
-            raise FemorsError(text) from None
-        found.append(one.prediction)
-        notes += [f"{name}: {note}" for note in one.notes]
+            raise FemorsError(_with_file(str(error), name, target, False)) from None
+        found.append(one)
+        notes += [_with_file(note, name, target) for note in one.notes]
         faults += [f"{name}: {fault}" for fault in one.faults]
     console.end_progress()
-    median, missing = landmarks.median_of(found)
+    median, missing = landmarks.median_of([one.prediction for one in found])
     if args.project and len(found) > 1:
         median = _laid_on(median, aim)
     whole = marks[0] if median.names == marks[0].labels else Landmarks(median.points, median.names)
     data = {Path(args.out): landmarkfiles.encoded(args.out, whole.with_points(median.points))}
     if args.table is not None:
         data[Path(args.table)] = table_of([median])
+    if args.report is not None:
+        report = {
+            **_report(args, settings, templates, found),
+            "notes": [*missing, *notes],
+            "faults": faults,
+        }
+        data[Path(args.report)] = _encoded(args.report, report, median, sources[0], aim, found[0].size)
     write_all(data)
     console.written = True
     console.say(median.table())
@@ -100,10 +114,21 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 1 if faults else 0
 
 
+def _with_file(text: str, template: str, target: str, always: bool = True) -> str:
+    """Name the file in a sentence of the core about the "source" or the "target"."""
+    for role, path in (("source: ", template), ("target: ", target)):
+        if text.startswith(role):
+            return f"{path}: {text.removeprefix(role)}"
+    return f"{template}: {text}" if always else text
+
+
 class _Found(NamedTuple):
     prediction: landmarks.Prediction
     notes: list[str]
     faults: list[str]
+    verdict: str
+    fit: dict[str, float]
+    size: float
 
 
 def _predicted(
@@ -128,7 +153,46 @@ def _predicted(
         notes = [note for note in notes if note not in result.steering.faults]
         notes.append(result.steering.sentence())
         faults += result.steering.faults
-    return _Found(prediction, notes, [*faults, *([] if result.converged else [result.stop_reason])])
+    faults += [] if result.converged else [result.stop_reason]
+    fit = result.after.target_to_surface.as_dict()
+    return _Found(prediction, notes, faults, result.stop_reason, fit, carrier.size)
+
+
+def _report(
+    args: argparse.Namespace,
+    settings: MorphSettings,
+    templates: Sequence[tuple[str, str]],
+    found: Sequence[_Found],
+) -> dict[str, Any]:
+    """Return what is said of a prediction, but for the landmarks themselves."""
+    fits = [
+        {"template": mesh, "landmarks": csv, "fit, target to template": one.fit, "verdict": one.verdict}
+        for (mesh, csv), one in zip(templates, found, strict=True)
+    ]
+    return {
+        "femors": version(),
+        "kind": "landmarks",
+        "distance_before": "from the template's surface, aligned; negative inside",
+        "distance_after": "from the target's surface; negative inside",
+        "files": {"target": args.inputs[1] if len(args.inputs) == 3 else args.inputs[0], "out": args.out},
+        "templates": fits,
+        "settings": dataclasses.asdict(settings),
+    }
+
+
+def _encoded(
+    path: str,
+    report: dict[str, Any],
+    median: landmarks.Prediction,
+    source: Surface,
+    aim: Surface,
+    size: float,
+) -> bytes:
+    """Return the report in its format, with the landmarks before (on the first template) and after."""
+    carried = landmarks_of(median, aim)
+    report = {"landmarks": landmark_rows(carried, size, median), **report}
+    title = f"Landmarks on {Path(report['files']['target']).name}"
+    return report_bytes(path, report, title, lambda: transfer_figures(source, aim, [carried]))
 
 
 def _steering(marks: Landmarks, known: Landmarks) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,11 +17,15 @@ from .carry import Carrier
 from .commandline import Console, add_settings, check_paths, settings_of
 from .deck import Deck
 from .landmarkfiles import Landmarks
-from .mesh import Surface
+from .mesh import Float, Int, Surface
 from .meshfiles import MeshFile
 from .progress import FemorsError, Progress, part
+from .report_files import HELP, check_ending, report_bytes
+from .report_html import Section
+from .report_transfer import Carried, transfer_figures, transfer_report
 from .transfer import Transfer, Transferred
 from .transfer_settings import TransferSettings
+from .version import version
 
 EXIT_CODES = """exit codes:
   0    done
@@ -32,6 +36,7 @@ EXIT_CODES = """exit codes:
   130  interrupted (Ctrl-C); the last line says if anything is written
 """
 TABLE = "the landmarks with distance, residual, stretch, projection and spread, as CSV"
+REPORT = "each landmark and file before and after, and " + HELP
 MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
 
 
@@ -54,6 +59,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "--project-part", metavar="NAME", help="the part or set of TARGET, where it is a deck"
     )
     parser.add_argument("--table", metavar="T.csv", help=TABLE)
+    parser.add_argument("--report", metavar="R", help=REPORT)
     add_settings(parser, TransferSettings, {})
 
 
@@ -64,18 +70,21 @@ class _Output(NamedTuple):
     files: Mapping[Path, bytes]
     moved: Transferred
     prediction: landmarks.Prediction | None
+    carried: Callable[[], Carried]
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Carry every input by the field; all outputs are written, or none."""
     settings = settings_of(args, TransferSettings())
     outputs = [os.path.join(args.out, os.path.basename(path)) for path in args.inputs]
-    others = [args.table] if args.table is not None else []
+    others = [path for path in (args.table, args.report) if path is not None]
     inputs = [args.field, *args.inputs, *([args.project] if args.project is not None else [])]
     check_paths(inputs, [*outputs, *others])
     for path in args.inputs:
         if not landmarkfiles.is_landmarks(path):
             deckfiles.suffix_of(path)
+    if args.report is not None:
+        check_ending(args.report)
     if os.path.exists(args.out) and not os.path.isdir(args.out):
         raise FemorsError(f"{args.out}: is a file; a folder is needed")
     files.check_writable(*others)
@@ -96,6 +105,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         if not tables:
             raise FemorsError("--table lists landmarks, and no input is a landmark file")
         data[Path(args.table)] = table_of(tables)
+    if args.report is not None:
+        data[Path(args.report)] = _report(args, transfer, done)
     check_paths(inputs, data)
     write_all(data, args.out)
     console.written = True
@@ -115,7 +126,27 @@ def _told(console: Console, done: Sequence[_Output], quiet: bool) -> int:
     return 1 if any(one.moved.faults for one in done) else 0
 
 
+def _report(args: argparse.Namespace, transfer: Transfer, done: Sequence[_Output]) -> bytes:
+    """Return the report, in the format that its name asks for."""
+    carried = [one.carried() for one in done]
+    known = {os.path.basename(one.path): one.prediction for one in done if one.prediction is not None}
+    onto = "" if args.project is None else os.path.basename(args.project)
+    names = {"field": args.field, "inputs": args.inputs, "out": args.out, "project": args.project}
+    report = {"femors": version(), **transfer_report(transfer, carried, known, onto), "files": names}
+
+    def figures() -> list[Section]:
+        before, after = transfer.surfaces()
+        return transfer_figures(before, after, carried)
+
+    return report_bytes(args.report, report, f"Transfer by {transfer.carrier.field.name}", figures)
+
+
 def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) -> _Output:
+    name = os.path.basename(path)
+
+    def carried(before: Float, moved: Transferred, names: tuple[str, ...], faces: Int | None) -> Carried:
+        return Carried(name, before, moved, transfer.distance_after(moved.points), names, faces)
+
     if landmarkfiles.is_landmarks(path):
         marks = landmarkfiles.read(path, transfer.settings.space)
         moved = transfer.points(marks.points, progress)
@@ -127,20 +158,38 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
         far = landmarks.far_ones(marks.labels, moved.distance, transfer.carrier.size)
         moved = dataclasses.replace(moved, notes=(*far, *moved.notes))
         content = {Path(out): landmarkfiles.encoded(out, marks.with_points(moved.points))}
-        return _Output(path, content, moved, prediction)
+        return _Output(
+            path, content, moved, prediction, lambda: carried(marks.points, moved, marks.labels, None)
+        )
     thing = deckfiles.read(path)
     if isinstance(thing, MeshFile):
-        moved = transfer.points(thing.vertices, progress)
+        before, world = thing.vertices, transfer.points(thing.vertices, progress)
+        moved = world
         written = deckfiles.written(thing.with_vertices(moved.points), Path(out))
     else:
-        moved = _deck(transfer, thing, progress)
+        before, world, moved = _deck(transfer, thing, progress)
         written = deckfiles.written(thing.with_coordinates(moved.points), Path(out))
     moved = dataclasses.replace(moved, notes=(*moved.notes, *written.notes))
-    return _Output(path, written.files, moved, None)
+    return _Output(path, written.files, moved, None, lambda: carried(before, world, (), _faces(thing)))
 
 
-def _deck(transfer: Transfer, deck: Deck, progress: Progress) -> Transferred:
-    """Carry all nodes of a deck, each part where the assembly has it."""
+def _faces(thing: Deck | MeshFile) -> Int:
+    if isinstance(thing, MeshFile):
+        return thing.surface().faces
+    if not len(thing.mesh.boundary.sizes):  # nodes alone, or beams
+        return np.empty((0, 3), np.int32)
+    surface, nodes = thing.mesh.surface()
+    return nodes[surface.faces]
+
+
+def _deck(transfer: Transfer, deck: Deck, progress: Progress) -> tuple[Float, Transferred, Transferred]:
+    """Carry all nodes of a deck, each part where the assembly has it.
+
+    Returns
+    -------
+    tuple
+        Where the assembly has the nodes, where it has them afterwards, and these in the parts' coordinates.
+    """
     places = np.tile(np.eye(4), (len(deck.coordinates), 1, 1))
     for known in deck.parts.values():
         try:
@@ -155,7 +204,7 @@ def _deck(transfer: Transfer, deck: Deck, progress: Progress) -> Transferred:
     own = np.einsum("nij,nj->ni", back[:, :3, :3], moved.points) + back[:, :3, 3]
     still = (moved.points == world).all(axis=1)
     own[still] = deck.coordinates[still]  # to the very bit
-    return dataclasses.replace(moved, points=own)
+    return world, moved, dataclasses.replace(moved, points=own)
 
 
 def _surface(path: str | None, name: str | None) -> Surface | None:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import csgraph
 
 from .intersect import piercings, self_intersections
+from .limits import require_nodes
 from .mesh import Cleaned, Int, Surface, clean, edge_matrix
 from .nearest import SurfaceIndex
 from .overlap import Overlap, overlap
@@ -29,6 +30,7 @@ from .volume_quality import VolumeQuality
 
 WORST_ASPECT = 10.0
 """A longer face is bad, unless asked otherwise."""
+MEMORY_LEAST, MEMORY_NODE = 10e6, 2.5e3  # bytes: what this was measured to take, and per node of both
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,10 +207,12 @@ def examine(
     Raises
     ------
     FemorsError
-        Not a surface: no faces, no extent.
+        Not a surface: no faces, no extent; more memory needed than is allowed.
     Cancelled
         From `progress`.
     """
+    nodes = len(surface.vertices) + (0 if other is None else len(other.vertices))
+    require_nodes(nodes, "measuring a mesh", MEMORY_LEAST, MEMORY_NODE)
     progress(0.0, "cleaning")
     ours = clean(surface.vertices, surface.faces, "mesh")
     mesh = ours.surface

@@ -15,6 +15,7 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .limits import in_threads
 from .mesh import Float, Surface
 from .progress import Progress, silent
 
@@ -116,10 +117,14 @@ class SmoothMap:
         out = np.empty_like(points)
         level = np.log2(np.maximum(share * distance / self.levels[0].spread, 1.0))
         level = np.minimum(level, len(self.levels) - 1)
-        for start in range(0, len(points), BLOCK):
-            progress(start / max(len(points), 1), "carrying points")
+
+        def carry(start: int) -> int:
             rows = slice(start, start + BLOCK)
             out[rows] = self._block(points[rows], level[rows])
+            return start
+
+        for start in in_threads(carry, range(0, len(points), BLOCK)):
+            progress(start / max(len(points), 1), "carrying points")
         return out
 
     def _block(self, points: Float, level: Float) -> Float:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from . import triples
+from .limits import in_threads
 from .mesh import Float, Int, Surface
 
 Index = NDArray[np.int64]
@@ -64,14 +65,19 @@ class Piercings:
 def piercings(a: Surface, b: Surface) -> Piercings:
     """Find every edge of `a` that pierces a face of `b`; ``b is a`` tests a surface against itself."""
     planes_a, planes_b = _Planes.of(a, b)
-    found = [(np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int64), np.empty(0))]
-    for f, g in _candidates(a, b):
-        f, g, f_over_g, g_over_f = _straddling(planes_a, f, planes_b, g)
+
+    def test(pairs: tuple[Index, Index]) -> list[tuple[Int, Index, Float]]:
+        f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
         row, ends, t = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)
-        found.append((ends, g[row], t))
+        out = [(ends, g[row], t)]
         if a is b:
             row, ends, t = _pierced(planes_a, g, planes_a, f, g_over_f, True)
-            found.append((ends, f[row], t))
+            out.append((ends, f[row], t))
+        return out
+
+    found = [(np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int64), np.empty(0))]
+    for some in in_threads(test, _candidates(a, b)):
+        found += some
     ends, face, t = (np.concatenate(column) for column in zip(*found, strict=True))
     n = len(a.vertices)
     keys = a.edges[:, 0].astype(np.int64) * n + a.edges[:, 1]
@@ -88,14 +94,16 @@ def crossings(a: Surface, b: Surface) -> Int:
     once, lower index first.
     """
     planes_a, planes_b = _Planes.of(a, b)
-    found = [np.empty((0, 2), dtype=np.int64)]
-    for f, g in _candidates(a, b):
-        f, g, f_over_g, g_over_f = _straddling(planes_a, f, planes_b, g)
+
+    def test(pairs: tuple[Index, Index]) -> Int:
+        f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
         rows = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
         back = _pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
         rows = np.concatenate((rows, back))
-        found.append(np.column_stack((f[rows], g[rows])))
-    pairs = np.concatenate(found)
+        return np.column_stack((f[rows], g[rows]))
+
+    none = np.empty((0, 2), dtype=np.int64)
+    pairs: Int = np.concatenate([none, *in_threads(test, _candidates(a, b))])
     if a is b:
         pairs.sort(axis=1)
     keys = np.unique(pairs[:, 0] * len(b.faces) + pairs[:, 1])

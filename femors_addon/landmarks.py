@@ -36,6 +36,8 @@ class Prediction:
         Median distance of the templates' predictions from `points`; NaN with one template.
     templates : (k,) int
         How many have predicted it.
+    before : (k, 3) float64 or None
+        Where each was on the source; on that of the first template that has it.
     """
 
     names: tuple[str, ...]
@@ -46,6 +48,7 @@ class Prediction:
     projected: Float
     spread: Float
     templates: np.ndarray
+    before: Float | None = None
 
     def columns(self) -> dict[str, list[object]]:
         """Return what is beside the points, by heading, for a table."""
@@ -86,6 +89,7 @@ def predicted(
         np.zeros(count) if projected is None else projected,
         np.full(count, np.nan),
         np.ones(count, dtype=int),
+        np.asarray(before, dtype=np.float64),
     )
 
 
@@ -119,6 +123,7 @@ def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]
     names = tuple(dict.fromkeys(name for one in predictions for name in one.names))
     rows = [{name: row for row, name in enumerate(one.names)} for one in predictions]
     fields = ("distance", "residual", "stretch", "projected")
+    first = None if any(one.before is None for one in predictions) else np.empty((len(names), 3))
     points, spread, counts = np.empty((len(names), 3)), np.empty(len(names)), np.empty(len(names), dtype=int)
     medians = {key: np.empty(len(names)) for key in fields}
     for number, name in enumerate(names):
@@ -128,6 +133,8 @@ def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]
         apart = np.linalg.norm(places - points[number], axis=1)
         spread[number] = np.median(apart) if len(has) > 1 else np.nan
         counts[number] = len(has)
+        if first is not None:
+            first[number] = has[0][0].before[has[0][1]]  # type: ignore[index]
         for key in fields:
             medians[key][number] = np.median([getattr(one, key)[row] for one, row in has])
     notes = []
@@ -136,4 +143,4 @@ def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]
         listed = ", ".join(f"'{name}'" for name in fewer[:MOST]) + (", ..." if len(fewer) > MOST else "")
         words = "1 landmark is" if len(fewer) == 1 else f"{len(fewer)} landmarks are"
         notes.append(f"{words} not in every template: {listed}")
-    return Prediction(names, points, spread=spread, templates=counts, **medians), notes
+    return Prediction(names, points, spread=spread, templates=counts, before=first, **medians), notes

@@ -4,11 +4,18 @@
 from __future__ import annotations
 
 import os
-from typing import ClassVar
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import ClassVar, TypeVar
 
 from .progress import FemorsError
 
+T = TypeVar("T")
+R = TypeVar("R")
+
 MB = 1e6
+AHEAD = 2  # parts for each thread that are begun before the first is done: no more are held in memory
 
 
 class Limits:
@@ -17,7 +24,7 @@ class Limits:
     Attributes
     ----------
     threads : int
-        For searches for closest points; results do not depend on it.
+        For whatever goes block by block, see `in_threads`; results do not depend on it.
     memory : float
         Bytes that a job may need; 0 for as many as there are.
     """
@@ -39,3 +46,39 @@ def require_memory(needed: float, what: str) -> None:
             f"{what} needs about {needed / MB:.0f} MB of memory, and the limit in the preferences is "
             f"{Limits.memory / MB:.0f} MB: raise it, or reduce the meshes"
         )
+
+
+def require_nodes(nodes: int, what: str, least: float, each: float) -> None:
+    """Raise `FemorsError` where a job on so many nodes would need more bytes than are allowed.
+
+    Parameters
+    ----------
+    nodes : int
+        Of all meshes and points of the job.
+    what : str
+        The job, such as "a transfer".
+    least, each : float
+        Bytes that such a job was measured to take, and per node.
+    """
+    require_memory(least + each * nodes, f"{what} with {nodes} nodes in all")
+
+
+def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
+    """Yield what the work returns for each part, in their order, in as many threads as are allowed.
+
+    Results are the same for any number of threads as long as no part needs what another writes. The consumer
+    may raise, `Cancelled` for instance: parts that have not begun are dropped.
+    """
+    if Limits.threads < 2:
+        yield from map(work, parts)
+        return
+    pool, waiting = ThreadPoolExecutor(Limits.threads), deque[Future[R]]()
+    try:
+        for one in parts:
+            waiting.append(pool.submit(work, one))
+            if len(waiting) > AHEAD * Limits.threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)

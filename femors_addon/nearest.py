@@ -4,15 +4,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import triples
-from .limits import Limits
+from .limits import in_threads
 from .mesh import Float, Int, Surface
 from .progress import Progress, silent
 from .triangles import Triangles
@@ -102,7 +100,7 @@ class SurfaceIndex:
 
         while len(open_points):
             parts, still = blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)), []
-            for rest in _threaded(look, parts):
+            for rest in in_threads(look, parts):
                 progress(1.0 - len(open_points) / max(len(points), 1), "closest points")
                 still.append(rest)
             if k == len(members):
@@ -240,18 +238,6 @@ class SurfaceIndex:
             for axis in range(3):
                 total[:, axis] += np.bincount(here, weighted[:, axis], len(vertex))
         return triples.unit(total)
-
-
-def _threaded(work: Callable[[Int], Int], parts: list[Int]) -> Iterator[Int]:
-    """Yield what the work returns for each part, in order; parts touch no row of each other's."""
-    if Limits.threads < 2 or len(parts) < 2:
-        yield from map(work, parts)
-        return
-    pool = ThreadPoolExecutor(Limits.threads)
-    try:
-        yield from pool.map(work, parts)
-    finally:  # also where progress has cancelled
-        pool.shutdown(cancel_futures=True)
 
 
 def blocks(indices: Int, size: int) -> list[Int]:

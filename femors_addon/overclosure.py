@@ -21,6 +21,7 @@ from . import settings as declared
 from .bodies import Body, Solid, shares
 from .contact import Pair
 from .effort import CLEARING, PARTING, Effort, apply
+from .limits import require_nodes
 from .mesh import Float
 from .overclosure_check import (
     CONTAINED,
@@ -44,6 +45,7 @@ STRIDES = 30  # steps that the deepest pair may take to its end, at least as lon
 PATIENCE = 25  # iterations without headway after which the loop gives up
 HEADWAY = 0.98  # of the least missing so far: what counts as headway
 GAINED = 0.95  # of depth or crossings at the start: a state that has more is not worth having
+MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
 TRIES = 3  # certificates that may fail before the loop gives up
 
 Preview = Callable[[Mapping[str, Float]], None]
@@ -108,7 +110,7 @@ def remove_overclosure(
     ------
     FemorsError
         Fewer than two bodies, a name twice, a mesh that is no surface, two copies of one surface,
-        settings outside their limits.
+        settings outside their limits; more memory needed than is allowed.
     Cancelled
         From `progress`.
     """
@@ -137,6 +139,8 @@ def remove_overclosure(
 def _solids(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Solid]:
     """Return the bodies at work; refuse what cannot be worked with."""
     declared.check(settings)
+    nodes = sum(len(body.nodes) for body in bodies)
+    require_nodes(nodes, f"overclosure of {len(bodies)} bodies", MEMORY_LEAST, MEMORY_NODE)
     if len(bodies) < 2:
         raise FemorsError(f"{len(bodies)} body given; overclosure needs at least two")
     names = [body.name for body in bodies]

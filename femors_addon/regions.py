@@ -12,10 +12,12 @@ import dataclasses
 
 import numpy as np
 
+from .limits import require_nodes
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
 
+MEMORY_LEAST, MEMORY_NODE = 5e6, 600.0  # bytes: what this was measured to take, and per node of both
 APART = 0.02  # of the size: a vertex of the target that is farther from the carried source gets nothing
 BESIDE = 0.1  # of the size: so far a region's points may be from the face that they are handed to
 LOST = 0.02  # share of its area by which a region may change before its shares are handed out
@@ -59,6 +61,8 @@ class RegionMap:
     """
 
     def __init__(self, carried: Surface, target: Surface, progress: Progress = silent) -> None:
+        nodes = len(carried.vertices) + len(target.vertices)
+        require_nodes(nodes, "carrying regions", MEMORY_LEAST, MEMORY_NODE)
         self.carried, self.target = carried, target
         self._index = SurfaceIndex(target)
         used = np.unique(target.faces)

@@ -52,7 +52,7 @@ def morph_figures(
     distances: dict[str, Float] = {}
     if target is not None:
         far = SurfaceIndex(morphed).closest(target.vertices).distance
-        items += _heat(target, far, sights, _with_unit("Distance of the target from the result", unit))
+        items += _heat(target, far, sights, with_unit("Distance of the target from the result", unit))
         used = np.unique(target.faces)
         if aligned is not None:
             distances["source, aligned"] = SurfaceIndex(aligned).closest(target.vertices[used]).distance
@@ -62,7 +62,7 @@ def morph_figures(
     jacobians = {name: triangle_jacobians(one) for name, one in shapes.items() if one is not None}
     plots = [
         (
-            histogram(distances, _with_unit("distance", unit)),
+            histogram(distances, with_unit("distance", unit)),
             "Distance of the target's vertices from the surface.",
         ),
         *_spread(morphed, values, unit),
@@ -125,7 +125,7 @@ def _labels(values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]
     out = []
     for key, quantity in QUANTITIES.items():
         if key in values and not quantity.of_faces:
-            out.append((key, _with_unit(quantity.label, unit)))
+            out.append((key, with_unit(quantity.label, unit)))
     return out
 
 
@@ -139,7 +139,8 @@ def _spread(surface: Surface, values: Mapping[str, ArrayLike], unit: str) -> lis
     ]
 
 
-def _with_unit(label: str, unit: str) -> str:
+def with_unit(label: str, unit: str) -> str:
+    """Return what an axis says, with the unit where it is known."""
     return f"{label} ({unit})" if unit else label
 
 

@@ -9,12 +9,14 @@ from collections.abc import Sequence
 from html import escape
 
 STYLE = """
-body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:1000px;margin:2em auto;padding:0 1em}
+body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:1100px;margin:2em auto;padding:0 1em}
 h1{font-size:1.6em;margin-bottom:.2em}h2{font-size:1.2em;margin-top:2em;border-bottom:1px solid #ccc}
-p.lead{color:#555;margin-top:0}table{border-collapse:collapse;margin:.8em 0;font-size:14px}
+p.lead{color:#555;margin-top:0}table{border-collapse:collapse;margin:.8em 0;font-size:14px;
+display:block;overflow-x:auto}
 h3{font-size:1em;margin:1em 0 .2em}h3+table{margin-top:0}
-th,td{padding:.2em .8em;border-bottom:1px solid #e2e2e2;text-align:left;vertical-align:top}
-td.n{text-align:right;font-variant-numeric:tabular-nums}thead th{border-bottom:1.5px solid #888}
+th,td{padding:.2em .6em;border-bottom:1px solid #e2e2e2;text-align:left;vertical-align:top}
+td.n{text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums}
+thead th{border-bottom:1.5px solid #888}
 .figures{display:flex;flex-wrap:wrap;gap:1em;align-items:flex-end}figure{margin:.5em 0}
 figcaption{font-size:13px;color:#555;max-width:460px}img,svg{max-width:100%;height:auto}
 ul.warn{background:#fff6e0;border-left:4px solid #e0a030;padding:.5em .5em .5em 2em}

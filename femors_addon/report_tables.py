@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,9 +12,12 @@ from .report_html import Figure, Item, Section, Table, Warnings
 
 STAT = {"median", "p99", "maximum"}
 """Keys by which a `quality.Stat` is known."""
+STATISTICS = "median [1 %, 99 %] maximum"
 LOUD = ("faults", "warnings", "notes")
 LONGEST = 40
 """Rows of a table of records, and members of a list, that are printed; the JSON has them all."""
+WHOLE = ("landmarks",)
+"""Keys of tables that are printed whole: people look for a row of theirs."""
 WORDS = {
     "surface_to_target": "Surface distance, source to target",
     "target_to_surface": "Surface distance, target to source",
@@ -66,7 +70,7 @@ def sections(report: Mapping[str, Any]) -> list[Section]:
             value, (Mapping, list, tuple)
         ):
             continue
-        items = tuple(_items(value))
+        items = (_records(value, most=len(value)),) if key in WHOLE and value else tuple(_items(value))
         if items:
             out.append(Section(words(key), items))
     if isinstance(report.get("settings"), Mapping):
@@ -81,7 +85,7 @@ def compared(before: Mapping[str, Any], after: Mapping[str, Any]) -> Table:
         for key in before
         if key in after and (_is_stat(before[key]) or not isinstance(before[key], (Mapping, list)))
     )
-    return Table(("median [1 %, 99 %] maximum", "before", "after"), rows)
+    return Table((STATISTICS, "before", "after"), rows)
 
 
 def flat(report: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -112,7 +116,7 @@ def _items(value: Any, caption: str = "") -> Iterator[Item]:
             value = {k: v for k, v in value.items() if k not in ("before", "after")}
         if stats:
             rows = tuple((words(k), _cell(v)) for k, v in stats.items())
-            yield Table(("median [1 %, 99 %] maximum", ""), rows, caption)
+            yield Table((STATISTICS, ""), rows, caption)
         plain = {k: v for k, v in value.items() if not isinstance(v, (Mapping, list, tuple))}
         yield from _records_or_pairs(plain, "" if stats else caption)
         for key, other in value.items():
@@ -134,10 +138,13 @@ def _records_or_pairs(plain: Mapping[str, Any], caption: str = "") -> Iterator[T
         yield Table(("", ""), rows, caption)
 
 
-def _records(records: Any, caption: str = "") -> Table:
+def _records(records: Any, caption: str = "", most: int = LONGEST) -> Table:
     keys = list(dict.fromkeys(key for record in records for key in record))
-    rows = [tuple(_cell(record.get(key, "")) for key in keys) for record in records[:LONGEST]]
-    if len(records) > LONGEST:
+    keys = [key for key in keys if any(record.get(key) is not None for record in records)]
+    rows = [tuple(_cell(record.get(key, "")) for key in keys) for record in records[:most]]
+    if not caption and any(_is_stat(record.get(key)) for record in records for key in keys):
+        caption = STATISTICS
+    if len(records) > most:
         rows.append((f"... {len(records)} in all", *[""] * (len(keys) - 1)))
     return Table(tuple(words(key) for key in keys), tuple(rows), caption)
 
@@ -159,6 +166,13 @@ def _history(history: Any) -> Iterator[Item]:
     yield _records(history)
 
 
+def _place(place: Any) -> str:
+    """Return coordinates with as many decimals as the largest has of its five digits."""
+    largest = max((abs(one) for one in place), default=0.0)
+    digits = 4 - math.floor(math.log10(largest)) if largest > 0 else 0
+    return ", ".join(f"{one:.{min(max(digits, 0), 9)}f}" for one in place)
+
+
 def _is_stat(value: Any) -> bool:
     return isinstance(value, Mapping) and set(value) >= STAT
 
@@ -175,4 +189,6 @@ def _cell(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return number(value)
+    if isinstance(value, (list, tuple)):  # a place
+        return _place(value) if all(isinstance(one, float) for one in value) else ", ".join(map(_cell, value))
     return "" if value is None else str(value)

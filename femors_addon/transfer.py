@@ -121,6 +121,8 @@ class Transfer:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if not len(points):
             raise FemorsError("has no points to be carried")
+        onto = 0 if self.onto is None else len(self.onto.surface.vertices)
+        self.carrier.require(onto + len(points))
         way = self.carrier.uncarry if self.settings.inverse else self.carrier.carry
         got = way(points, self.settings.strength, progress)
         return Transferred(got.points, got.distance, got.error, np.zeros(len(points)))
@@ -187,6 +189,25 @@ class Transfer:
             note = f"{len(held)} nodes held back by up to {held_by:.3g}, so that no element is inverted"
             out = dataclasses.replace(out, notes=(*out.notes, note))
         return out
+
+    def surfaces(self) -> tuple[Surface | None, Surface | None]:
+        """Return what things are carried off, and what they end beside; None for a field without faces."""
+        if not len(self.carrier.field.faces):
+            return None, None if self.onto is None else self.onto.surface
+        return self._before.surface, (self._after if self.onto is None else self.onto).surface
+
+    def distance_after(self, points: Float) -> Float:
+        """Return (p,) signed distances of carried points from the surface that they end beside.
+
+        That which was projected onto, else where the field has the target (its source, for an inverse);
+        NaN where it has no surface, and for what was carried only a part of the way.
+        """
+        if not self._whole:
+            return np.full(len(points), np.nan)
+        index = self._after if self.onto is None else self.onto
+        out = index.signed(points)
+        mirrored = np.linalg.det(self.carrier.field.transform[:3, :3]) < 0
+        return -out if self.settings.inverse and self.onto is None and mirrored else out
 
     # --- words --------------------------------------------------------------------------------
     def _with_words(self, out: Transferred, points: Float) -> Transferred:

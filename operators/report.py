@@ -14,7 +14,7 @@ import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
 from ..femors_addon.progress import FemorsError
-from . import decks, dependencies, heat, viewport
+from . import decks, dependencies, heat, transfer_report, viewport
 
 
 def reported(item: bpy.types.Object | None) -> dict[str, Any]:
@@ -56,6 +56,12 @@ class FEMORS_OT_report(decks.DeckOperator, bpy.types.Operator, ExportHelper):
         options={"SKIP_SAVE", "HIDDEN"},
     )
 
+    transfer: bpy.props.BoolProperty(
+        name="Transfer",
+        description="Report on the scene's last transfer, not on an object",
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """The packages must be there."""
@@ -69,13 +75,13 @@ class FEMORS_OT_report(decks.DeckOperator, bpy.types.Operator, ExportHelper):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Propose a name; refuse before a path is asked for."""
         try:
-            item = self._item(context)
+            name, _ = self._subject(context)
         except FemorsError as error:
             return self.refused(str(error))
         if self.filepath:
             return self.execute(context)
         folder = os.path.dirname(bpy.data.filepath)
-        self.filepath = os.path.join(folder, f"{bpy.path.clean_name(item.name)}.html")
+        self.filepath = os.path.join(folder, f"{bpy.path.clean_name(name)}.html")
         return ExportHelper.invoke(self, context, event)
 
     def _item(self, context: bpy.types.Context) -> bpy.types.Object:
@@ -89,6 +95,14 @@ class FEMORS_OT_report(decks.DeckOperator, bpy.types.Operator, ExportHelper):
             )
         return item
 
+    def _subject(self, context: bpy.types.Context) -> tuple[str, bpy.types.Object | dict[str, Any]]:
+        """Return what is reported on: its name, and the object or the transfer's figures."""
+        if self.transfer:
+            found = transfer_report.last(context)
+            return f"Transfer by {found['objects']['field']}", found
+        item = self._item(context)
+        return item.name, item
+
     def run(self, context: bpy.types.Context) -> tuple[str, str]:
         """Collect pictures and figures, and write them."""
         from ..femors_addon.files import check_writable, replacing
@@ -99,26 +113,36 @@ class FEMORS_OT_report(decks.DeckOperator, bpy.types.Operator, ExportHelper):
         path = Path(bpy.path.abspath(self.filepath))
         check_ending(path)
         check_writable(path)
-        item = self._item(context)
+        name, subject = self._subject(context)
         pictures = viewport.picture(context) if path.suffix.lower() in (".html", ".htm") else None
         data = report_bytes(
             path,
-            reported(item),
-            f"Report on {item.name}",
-            lambda: _figures(context, item, pictures),
+            subject if isinstance(subject, dict) else reported(subject),
+            name if self.transfer else f"Report on {name}",
+            lambda: _figures(subject, pictures),
             {"Blender": bpy.app.version_string},
         )
         with replacing(path) as (new,):
             new.write_bytes(data)
-        return "INFO", f"'{item.name}': report written to {path}"
+        return "INFO", f"'{name}': report written to {path}"
 
 
-def _figures(context: bpy.types.Context, item: bpy.types.Object, seen: bytes | None) -> list[Any]:
-    """Return the sections with pictures: of the morph where it was one, else of the mesh."""
+def _figures(subject: bpy.types.Object | dict[str, Any], seen: bytes | None) -> list[Any]:
+    """Return the sections with pictures, that of the viewport first."""
+    from ..femors_addon.report_html import Figure, Section
+
+    is_transfer = isinstance(subject, dict)
+    sections = transfer_report.figures(subject, _surface) if is_transfer else _pictures(subject)
+    if seen is not None:
+        sections.insert(0, Section("Viewport", (Figure(seen, "As the viewport showed it."),)))
+    return sections
+
+
+def _pictures(item: bpy.types.Object) -> list[Any]:
+    """Return the sections of an object: of the morph where it was one, else of the mesh."""
     from ..femors_addon.align import transformed
     from ..femors_addon.quantities import QUANTITIES
     from ..femors_addon.report_figures import mesh_figures, morph_figures
-    from ..femors_addon.report_html import Figure, Section
 
     report = reported(item)
     surface = _surface(item)
@@ -132,13 +156,9 @@ def _figures(context: bpy.types.Context, item: bpy.types.Object, seen: bytes | N
         if source is not None and len(source.data.vertices) == len(item.data.vertices):
             start = _surface(source)
             aligned = start.moved(transformed(np.array(report["transform"]), start.vertices))
-        sections = morph_figures(aligned, surface, _surface(target) if target else None, values)
-    else:
-        other = _named(report.get("quality", {}).get("other_name"), item)
-        sections = mesh_figures(surface, _surface(other) if other else None, values)
-    if seen is not None:
-        sections.insert(0, Section("Viewport", (Figure(seen, "As the viewport showed it."),)))
-    return sections
+        return morph_figures(aligned, surface, _surface(target) if target else None, values)
+    other = _named(report.get("quality", {}).get("other_name"), item)
+    return mesh_figures(surface, _surface(other) if other else None, values)
 
 
 def _named(name: Any, item: bpy.types.Object) -> bpy.types.Object | None:

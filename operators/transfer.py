@@ -230,7 +230,18 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
             marks.add(context, title, got.marks.names, got.marks.points, got.marks.columns(), again=True)
         if got.marks is not None:
             transfer_write.table(context.scene.femors_transfer, self._field, got.marks)
-        return self._groups_line(target, got, made)
+        level, line = self._groups_line(target, got, made)
+        regions = dict(zip(weights, made, strict=False)) if made else {}
+        transfer_write.report(
+            context.scene.femors_transfer,
+            got.report,
+            field=self._field,
+            source=self.source or self._head.get("source"),
+            target=target.name,
+            groups={name: regions.get(name) for name in got.regions},
+            carried={},
+        )
+        return level, line
 
     def _groups_line(self, target: bpy.types.Object, got: Any, made: list[str]) -> tuple[str, str]:
         parts, faults = [], list(got.notes)
@@ -288,6 +299,12 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
                     after, name, {key: v[copies.index(after)] for key, v in prediction.columns().items()}
                 )
             transfer_write.table(context.scene.femors_transfer, self._field, prediction)
+        after = [item.name for item in (made or items)]
+        pairs = dict(zip([name for name, _, _ in self._before], after, strict=True))
+        onto = None if self._target is None else self._target.name
+        transfer_write.report(
+            context.scene.femors_transfer, got.report, field=self._field, target=onto, carried=pairs
+        )
         if len(items) > MOST:
             lines = [f"{len(items)} objects carried by '{self._field}'"]
         if made:

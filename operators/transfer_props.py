@@ -111,6 +111,9 @@ class FEMORS_PG_transfer(bpy.types.PropertyGroup):
     )
     marks: bpy.props.CollectionProperty(type=FEMORS_PG_mark)
     mark: bpy.props.IntProperty(name="Landmark", description="The row that is chosen", options={"HIDDEN"})
+    report: bpy.props.StringProperty(
+        name="Report", description="What is known of the last transfer, as JSON", options={"HIDDEN"}
+    )
     title: bpy.props.StringProperty(name="Title", description="Whose landmarks the table lists")
     sort: bpy.props.EnumProperty(
         name="Sort", description="How the table is sorted", items=SORTS, options=set(FORM)

@@ -17,10 +17,13 @@ if TYPE_CHECKING:
     from ..femors_addon.landmarks import Prediction
     from ..femors_addon.mesh import Surface
     from ..femors_addon.regions import Region
-    from ..femors_addon.transfer import Transferred
+    from ..femors_addon.report_transfer import Carried
+    from ..femors_addon.transfer import Transfer, Transferred
     from ..femors_addon.transfer_settings import TransferSettings
 
 Array = NDArray[Any]
+LANDMARKS = "landmarks"
+"""What landmarks together are called in a report."""
 OWN = 0.005  # of the size: half of an object's vertices may be so far from the surface that a field knows
 NEARER = 5.0  # times as near to the morphed surface: it is that one
 ROUNDED = 1e-4  # of the size: no distance at all
@@ -69,6 +72,8 @@ class Groups:
         Of each landmark's vertex, as on the source.
     regions : dict of str to Region
     notes : list of str
+    report : dict
+        All of it in figures, as `report_transfer` has it.
     """
 
     marks: Prediction | None
@@ -77,6 +82,7 @@ class Groups:
     weights: dict[str, float]
     regions: dict[str, Region]
     notes: list[str]
+    report: dict[str, Any]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,6 +113,7 @@ class Things:
     moved: list[tuple[Transferred, Any]]
     marks: Prediction | None
     notes: list[str]
+    report: dict[str, Any]
 
 
 def carrier_of(data: bytes, name: str) -> Carrier:
@@ -137,6 +144,7 @@ def groups(
     from ..femors_addon import landmarks
     from ..femors_addon.mesh import Surface as Mesh
     from ..femors_addon.regions import RegionMap
+    from ..femors_addon.report_transfer import landmarks_of, region_rows, transfer_report
     from ..femors_addon.transfer import Transfer
 
     if settings.strength < 1.0 or settings.inverse:
@@ -144,13 +152,14 @@ def groups(
             "Vertex groups go all the way from source to target: set strength to 1 and no inverse"
         )
     notes: list[str] = []
-    found, regions, heavy = [], {}, {}
+    found, regions, heavy, first = [], {}, {}, None
     for number, one in enumerate(templates):
         step = part(progress, number / len(templates), (number + 1) / len(templates))
         carrier = carrier_of(one.data, one.name)
         check_own(carrier, one)
         notes += check_target(carrier, one.name, name, target)
         transfer = Transfer(carrier, settings, target if project else None)
+        first = transfer if number == 0 else first
         single = {name: int(np.flatnonzero(w)[0]) for name, w in one.groups.items() if (w > 0).sum() == 1}
         heavy |= {name: float(one.groups[name].max()) for name in single if name not in heavy}
         if single:
@@ -169,7 +178,13 @@ def groups(
         used = np.unique(target.faces)
         missed, near = cKDTree(target.vertices[used]).query(marks.points)
         nearest = used[near]
-    return Groups(marks, nearest, missed, heavy, regions, [*notes, *missing])
+    carried = [] if marks is None else [landmarks_of(marks, target)]
+    known = {one.name: marks for one in carried}
+    report = transfer_report(first, carried, known, name)
+    if regions:
+        report["regions"] = region_rows(regions)
+    notes += missing
+    return Groups(marks, nearest, missed, heavy, regions, notes, {**report, "notes": notes})
 
 
 def check_own(carrier: Carrier, template: Template) -> None:
@@ -245,6 +260,7 @@ def things(
 ) -> Things:
     """Carry objects; empties, which are landmarks, also get their confidence."""
     from ..femors_addon import landmarks
+    from ..femors_addon.report_transfer import Carried, transfer_report
     from ..femors_addon.transfer import Transfer
 
     carrier = carrier_of(data, name)
@@ -261,23 +277,36 @@ def things(
         except FemorsError as error:
             raise FemorsError(f"'{item.name}': {error}") from None
     rows = [row for row, item in enumerate(items) if item.mark]
-    if not rows:
-        return Things(out, None, notes)
-    names = [items[row].mark for row in rows]
-    before, after, projected, distance = (
-        np.concatenate(arrays)
-        for arrays in (
-            [items[row].points for row in rows],
-            [out[row][0].points for row in rows],
-            [out[row][0].projected for row in rows],
-            [out[row][0].distance for row in rows],
-        )
+    known, carried = None, []
+    if rows:
+        marks = _gathered([items[row] for row in rows], [out[row][0] for row in rows], transfer)
+        notes += landmarks.far_ones(marks.names, marks.moved.distance, transfer.carrier.size)
+        notes += transfer.small(marks.before)
+        carried.append(marks)
+        if not settings.inverse and settings.strength == 1.0:
+            known = landmarks.predicted(
+                transfer.carrier, marks.names, marks.before, marks.moved.points, marks.moved.projected
+            )
+    for item, (moved, _) in zip(items, out, strict=True):
+        if not item.mark:
+            carried.append(Carried(item.name, item.points, moved, transfer.distance_after(moved.points)))
+    report = transfer_report(
+        transfer, carried, {} if known is None else {LANDMARKS: known}, onto[0] if onto else ""
     )
-    notes += landmarks.far_ones(names, distance, transfer.carrier.size)
-    notes += transfer.small(before)
-    if settings.inverse or settings.strength < 1.0:
-        return Things(out, None, notes)
-    return Things(out, landmarks.predicted(transfer.carrier, names, before, after, projected), notes)
+    return Things(out, known, notes, {**report, "notes": [*report["notes"], *notes]})
+
+
+def _gathered(items: Sequence[Thing], moved: Sequence[Transferred], transfer: Transfer) -> Carried:
+    """Return landmarks as one thing."""
+    from ..femors_addon.report_transfer import Carried
+    from ..femors_addon.transfer import Transferred
+
+    keys = ("points", "distance", "error", "projected")
+    arrays = {key: np.concatenate([getattr(one, key) for one in moved]) for key in keys}
+    before = np.concatenate([item.points for item in items])
+    after = transfer.distance_after(arrays["points"])
+    names = tuple(item.mark for item in items)
+    return Carried(LANDMARKS, before, Transferred(**arrays), after, names)
 
 
 def _elements(transfer: Any, item: Thing, progress: Progress) -> tuple[Transferred, Any]:

@@ -45,3 +45,17 @@ def table(form: Any, title: str, prediction: Any) -> None:
         for key, values in columns.items():
             if not np.isnan(values[row]):
                 setattr(mark, key, values[row])
+
+
+def report(form: Any, figures: dict[str, Any], **objects: Any) -> None:
+    """Keep a transfer's figures with the form, for a report.
+
+    Parameters
+    ----------
+    figures : dict
+        As the worker made them.
+    **objects
+        Names of what took part: ``field`` (a Text), ``source`` and ``target`` (meshes, or None), ``groups``
+        (regions, and what they are called on the target), ``carried`` (objects before and after).
+    """
+    form.report = json.dumps({**figures, "objects": objects})

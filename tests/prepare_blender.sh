@@ -37,7 +37,7 @@ if [ ! -d "$site" ]; then
   trap 'rm -rf "$resources" "$new"' EXIT
   # shellcheck disable=SC2086  # one word per package
   "$root/.venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-input --target "$new/site" \
-    --python-version "$python" --retries 10 --only-binary=:all: --no-deps $list >&2
+    --python-version "$python" --ignore-requires-python --retries 10 --only-binary=:all: --no-deps $list >&2
   # rename, and not mv, which would move it into the folder of a run that was faster
   "$root/.venv/bin/python" -c 'import os, sys; os.rename(*sys.argv[1:])' "$new/site" "$site" 2>/dev/null || [ -d "$site" ]
 fi

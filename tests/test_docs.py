@@ -82,7 +82,7 @@ def test_pictures_are_small_and_used():
     pictures = sorted((DOCS / "images").glob("*.png"))
     for path in pictures:
         assert f"images/{path.name}" in text, f"{path.name} is on no page"
-        assert path.stat().st_size < (200_000 if path.name != "demo.png" else 400_000), path.name
+        assert path.stat().st_size < (200_000 if path.name != "demo.png" else 300_000), path.name
     assert sum(path.stat().st_size for path in pictures) < 2_000_000
 
 

@@ -3,16 +3,27 @@
 
 from __future__ import annotations
 
+import json
 import os
+from concurrent.futures import ThreadPoolExecutor as Pool
 
 import numpy as np
 import pytest
 
-from femors_addon import limits
+from femors_addon import frames, intersect, limits, nearest
+from femors_addon.carry import Carrier
+from femors_addon.examine import examine
+from femors_addon.grnn import DisplacementField
+from femors_addon.intersect import crossings, piercings
+from femors_addon.keptfield import KeptField
 from femors_addon.morph import morph
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.overclosure import Body, check_overclosure, remove_overclosure
 from femors_addon.progress import FemorsError
-from femors_addon.shapes import pair
+from femors_addon.regions import RegionMap
+from femors_addon.shapes import pair, sphere, warp
+from femors_addon.transfer import Transfer
+from femors_addon.transfer_settings import TransferSettings
 
 
 @pytest.fixture(autouse=True)
@@ -22,24 +33,142 @@ def restored():
     limits.Limits.threads, limits.Limits.memory = before
 
 
-def test_threads_change_no_result():
-    bones = pair(2000, 2000)
-    index = SurfaceIndex(bones.source)
+BONES = pair(2000, 2000)
+BALLS = [Body("one", sphere(3, radius=10.0)), Body("two", sphere(3, radius=10.0, centre=(19.0, 1.0, 0.0)))]
+
+
+def carrier() -> Carrier:
+    rest = BONES.source.vertices
+    bent = warp(rest, ("bend", 0.1)) - rest
+    kept = KeptField(np.eye(4), rest, bent, BONES.source.faces, np.zeros(len(rest)), BONES.source.mean_edge)
+    return Carrier(kept)
+
+
+def closest():
+    return SurfaceIndex(BONES.source).closest(BONES.target.vertices).point
+
+
+def transferred():
+    return Transfer(carrier(), TransferSettings(), BONES.target).points(BONES.target.vertices).points
+
+
+def transferred_back():
+    back = Transfer(carrier(), TransferSettings(inverse=True))
+    return back.points(np.tile(BONES.source.vertices, (3, 1)) + 2.0).points
+
+
+def field():
+    """By cells, in several blocks."""
+    rest = BONES.source.vertices
+    return DisplacementField(rest, warp(rest, ("bend", 0.1)) - rest, 0.5 * BONES.source.mean_edge)(
+        BONES.target.vertices
+    )
+
+
+def crossed():
+    other = BONES.source.moved(BONES.source.vertices[:, [1, 0, 2]])
+    found = piercings(BONES.source, other)
+    return np.concatenate((crossings(BONES.source, other).ravel(), found.edge, found.face, found.t))
+
+
+def examined():
+    return json.dumps(examine(BONES.source, BONES.target).as_dict())
+
+
+def separated():
+    return np.concatenate([body.nodes for body in remove_overclosure(BALLS).bodies])
+
+
+JOBS = (closest, transferred, transferred_back, field, crossed, examined, separated)
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_threads_change_no_bit(job, monkeypatch):
+    monkeypatch.setattr(nearest, "BLOCK_PAIRS", 4000)  # so that there are several blocks
+    monkeypatch.setattr(frames, "BLOCK", 500)
+    monkeypatch.setattr(intersect, "AT_ONCE", 500)
     limits.allow(1, 0)
-    one = index.closest(bones.target.vertices)
-    limits.allow(3, 0)
-    three = index.closest(bones.target.vertices)
-    np.testing.assert_array_equal(one.point, three.point)
+    one = job()
+    started = []
+    monkeypatch.setattr(limits, "ThreadPoolExecutor", lambda count: started.append(count) or Pool(count))
+    for threads in (2, 3):
+        limits.allow(threads, 0)
+        np.testing.assert_array_equal(job(), one)
+    assert {2, 3} <= set(started), "it runs in threads at all"
+
+
+def test_no_threads_asked_are_all_there_are():
     limits.allow(0, 0)
     assert limits.Limits.threads == os.cpu_count()
 
 
-def test_a_morph_that_needs_too_much_memory_is_refused_before_it_starts():
-    bones = pair(500, 500)
+def test_threads_keep_the_order_hold_few_parts_and_end_with_the_consumer():
+    limits.allow(2, 0)
+    begun = []
+
+    def parts():
+        for number in range(100):
+            begun.append(number)
+            yield number
+
+    for number, got in enumerate(limits.in_threads(lambda one: one * one, parts())):
+        assert got == number**2 and len(begun) - number <= limits.AHEAD * 2 + 2
+        if number == 40:
+            break
+    assert len(begun) < 60
+
+    def fails(one):
+        raise ValueError(str(one))
+
+    with pytest.raises(ValueError, match=r"^0$"):
+        list(limits.in_threads(fails, range(9)))
+
+
+def measure_only(progress):
+    examine(BONES.source, progress=progress)
+
+
+def measure_both(progress):
+    examine(BONES.source, BONES.target, progress=progress)
+
+
+def morph_it(progress):
+    morph(BONES.source, BONES.target, progress=progress)
+
+
+def carry_it(progress):
+    Transfer(carrier(), TransferSettings(), BONES.target).points(BONES.target.vertices, progress)
+
+
+def carry_regions(progress):
+    RegionMap(BONES.source, BONES.target, progress)
+
+
+def remove_it(progress):
+    remove_overclosure(BALLS, progress=progress)
+
+
+def check_it(progress):
+    check_overclosure(BALLS, progress=progress)
+
+
+@pytest.mark.parametrize(
+    ("job", "nodes", "words"),
+    [
+        (morph_it, 3964, r"a morph with 3964 nodes in both meshes needs about 38 MB"),
+        (measure_only, 1990, r"measuring a mesh with 1990 nodes in all needs about 15 MB"),
+        (measure_both, 3964, r"measuring a mesh with 3964 nodes in all needs about 20 MB"),
+        (carry_it, 5938, r"a transfer with 5938 nodes in all needs about 61 MB"),
+        (carry_regions, 3964, r"carrying regions with 3964 nodes in all needs about 7 MB"),
+        (remove_it, 1284, r"overclosure of 2 bodies with 1284 nodes in all needs about 13 MB"),
+        (check_it, 1284, r"overclosure of 2 bodies with 1284 nodes in all needs about 13 MB"),
+    ],
+)
+def test_what_needs_too_much_memory_is_refused_before_it_starts(job, nodes, words):
     said = []
-    limits.allow(1, 20)
-    with pytest.raises(FemorsError, match=r"needs about 32 MB of memory, and the limit .* is 20 MB"):
-        morph(bones.source, bones.target, progress=lambda fraction, text: said.append(text))
+    limits.allow(1, 5)
+    with pytest.raises(FemorsError, match=words + r".*, and the limit in the preferences is 5 MB: raise it"):
+        job(lambda fraction, text: said.append(text))
     assert not said
     limits.allow(1, 0)
     limits.require_memory(1e15, "anything")

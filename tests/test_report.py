@@ -20,7 +20,9 @@ from femors_addon.mesh import Surface
 from femors_addon.morph import morph
 from femors_addon.progress import FemorsError
 from femors_addon.report_figures import mesh_figures, morph_figures
+from femors_addon.report_transfer import Carried, dots, transfer_figures
 from femors_addon.shapes import pair
+from femors_addon.transfer import Transferred
 
 
 class Page(html.parser.HTMLParser):
@@ -195,3 +197,31 @@ def test_a_mesh_has_a_page_too():
     sections = mesh_figures(bone, bone.moved(bone.vertices + 1.0), {"gap": bone.vertices[:, 0]}, "mm")
     page = report_html.html("Quality", "", sections)
     assert "Gap (mm)" in page and "With the other mesh" in page and not Page(page).open
+
+
+def test_a_transfers_pictures_have_landmarks_things_and_regions():
+    bone = pair(600, 600).source
+    none, far = np.zeros(0), bone.vertices.max(axis=0) + 5.0
+    marks = Carried("m", far[None], Transferred(far[None], np.ones(1), none, none), np.ones(1), ("far",))
+    patch = Carried(
+        "p", bone.vertices + 2.0, Transferred(bone.vertices, none, none, none), none, (), bone.faces
+    )
+
+    def seen(carried, regions=(None, None)):
+        (section, *_) = transfer_figures(bone, bone, carried, regions=regions)
+        shown = [one.content for one in section.items if isinstance(one, report_html.Figure)]
+        assert len(shown) == 4
+        return [pixels(data).astype(int) for data in shown]
+
+    def count(picture, one, others):
+        return int((picture[..., one] > 30 + np.max(picture[..., others], axis=-1)).sum())
+
+    plain, marked = seen([]), seen([marks])
+    assert all(count(picture, 0, [1, 2]) == 0 for picture in plain)
+    assert all(count(picture, 0, [1, 2]) > 20 for picture in marked), "a red dot in each"
+    carried = seen([patch])
+    assert all(count(picture, 1, [0, 2]) > 200 for picture in carried), "what is carried is green"
+    painted = seen([], (None, (bone.vertices[:, 2] > bone.vertices[:, 2].mean()).astype(float)))
+    greens = [count(picture, 1, [0, 2]) for picture in painted]
+    assert greens[:2] == [0, 0] and min(greens[2:]) > 200, "a region after, none before"
+    assert len(dots(np.zeros((3, 3)), 1.0).vertices) == 3 * 42

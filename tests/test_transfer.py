@@ -229,6 +229,51 @@ def test_the_table_has_what_each_landmark_is_worth(files, capsys):
     assert landmarkfiles.read(table).names == ("a", "b", "c")
 
 
+def test_a_report_has_every_landmark_and_file_before_and_after(files, capsys):
+    inputs = [files / name for name in ("site.stl", "cart.inp", "marks.csv")]
+    args = ["transfer", files / "f.npz", *inputs, "--project", files / "target.ply", "--quiet"]
+    reports = [files / name for name in ("r.json", "r.html", "r.csv")]
+    for report in reports:
+        assert run(capsys, *args, "-o", files / "out", "--report", report)[0] == 0
+    got = json.loads(reports[0].read_text())
+    truth = CARRIER.carry(MARKS)
+    for row, (mark, before, distance) in enumerate(zip("abc", MARKS, truth.distance, strict=True)):
+        record = got["landmarks"][row]
+        assert record["landmark"] == mark and record["before"] == pytest.approx(before)
+        assert record["after"] == pytest.approx(
+            SurfaceIndex(TARGET).closest(truth.points[row]).point[0], abs=1e-4
+        )
+        assert record["distance_before"] == pytest.approx(distance, abs=1e-9)
+        assert record["distance_after"] == pytest.approx(0.0, abs=1e-4), "projected"
+        assert record["in_range"] == "yes" and record["residual"] == pytest.approx(0.25)
+    things = {thing["name"]: thing for thing in got["carried"]}
+    assert things["site.stl"]["distance_after"]["maximum"] < 1e-4
+    assert things["cart.inp"]["distance_before"]["maximum"] > 0.5
+    assert things["cart.inp"]["points"] == len(slab().nodes)
+    page = reports[1].read_text()
+    assert page.count("data:image/png") == 4 and "<svg" in page and "from &#x27;target.ply&#x27;" in page
+    assert all(f"<th>{mark}</th>" in page for mark in "abc") and "In range" in page
+    assert "landmarks.2.distance_after" in reports[2].read_text()
+
+
+def test_a_report_says_what_the_field_does_not_reach(files, capsys):
+    far = np.vstack([MARKS[:1], MARKS[1:2] + 0.3 * CARRIER.size, MARKS[2:] + 9 * CARRIER.size])
+    landmarkfiles_lines = [f"{x!r},{y!r},{z!r}" for x, y, z in far.tolist()]
+    (files / "far.csv").write_text("\n".join(["x,y,z", *landmarkfiles_lines, ""]))
+    report = files / "r.json"
+    args = ["transfer", files / "f.npz", files / "far.csv", "-o", files / "out", "--report", report]
+    assert run(capsys, *args, "--quiet")[0] == 0
+    rows = json.loads(report.read_text())["landmarks"]
+    assert [row["in_range"] for row in rows] == ["yes", "partly", "no, alignment only"]
+    args[-1] = files / "half.json"
+    assert run(capsys, *args, "--quiet", "--strength", "0.5")[0] == 0
+    got = json.loads((files / "half.json").read_text())
+    assert all(row["distance_after"] is None for row in got["landmarks"]), "on no surface"
+    args[-1] = files / "back.html"
+    assert run(capsys, *args, "--quiet", "--inverse")[0] in (0, 1)
+    assert "from the source, where the field has it" in args[-1].read_text()
+
+
 def test_strength_project_and_inverse(files, capsys):
     start = ["transfer", files / "f.npz", files / "marks.csv", "--quiet", "-o"]
     assert run(capsys, *start, files / "half", "--strength", "0.5")[0] == 0
@@ -333,6 +378,7 @@ def subjects(tmp_path_factory) -> tuple[Path, np.ndarray]:
 def test_landmarks_of_one_template(subjects, tmp_path, capsys):
     folder, truth = subjects
     args = [folder / "one.ply", folder / "target.ply", folder / "one.csv", "-o", tmp_path / "out.csv"]
+    args += ["--report", tmp_path / "r.html"]
     code, said, err = run(capsys, "landmarks", *args, "--project")
     assert code == 0, err
     got = landmarkfiles.read(tmp_path / "out.csv")
@@ -341,11 +387,14 @@ def test_landmarks_of_one_template(subjects, tmp_path, capsys):
     surface = meshfiles.read(folder / "target.ply").surface()
     assert SurfaceIndex(surface).closest(got.points).distance.max() < 1e-6
     assert said.startswith("landmark")
+    page = (tmp_path / "r.html").read_text()
+    assert "<th>m3</th>" in page and page.count("data:image/png") == 4 and "Verdict" in page
 
 
 def test_landmarks_of_several_templates(subjects, tmp_path, capsys):
     folder, truth = subjects
     more = ["--template", folder / "two.ply", folder / "two.csv", "--table", tmp_path / "t.csv"]
+    more += ["--report", tmp_path / "r.json"]
     args = [folder / "one.ply", folder / "target.ply", folder / "one.csv", "-o", tmp_path / "out.csv"]
     assert run(capsys, "landmarks", *args, *more)[0] == 0
     got = landmarkfiles.read(tmp_path / "out.csv")
@@ -354,6 +403,15 @@ def test_landmarks_of_several_templates(subjects, tmp_path, capsys):
     table = (tmp_path / "t.csv").read_text().splitlines()
     spread = [float(line.split(",")[8]) for line in table[1:]]
     assert all(0 < value < 10 for value in spread)
+    report = json.loads((tmp_path / "r.json").read_text())
+    assert [row["spread"] for row in report["landmarks"]] == pytest.approx(spread)
+    first = dict(zip(("m0", "m1", "m2", "m3"), landmarkfiles.read(folder / "one.csv").points, strict=True))
+    target = SurfaceIndex(meshfiles.read(folder / "target.ply").surface())
+    for row, place in zip(report["landmarks"], got.points, strict=True):
+        assert row["before"] == pytest.approx(first[row["landmark"]]) and row["templates"] == 2
+        assert row["after"] == pytest.approx(place)
+        assert row["distance_after"] == pytest.approx(target.signed(place)[0], abs=1e-4)
+    assert len(report["templates"]) == 2 and report["settings"]["alignment"] == "affine"
     alone = ["--template", folder / "one.ply", folder / "one.csv", *more[:3]]
     assert run(capsys, "landmarks", folder / "target.ply", *alone, "-o", tmp_path / "o2.csv")[0] == 0
     assert (tmp_path / "o2.csv").read_text() == (tmp_path / "out.csv").read_text()

@@ -53,6 +53,15 @@ def number(value: float) -> str:
     return f"{value:.3g}" if abs(value) >= 1e-3 else f"{value:.2g}"
 
 
+def fixed(value: float) -> str:
+    """Return a number for a narrow column: no exponent, three digits or four decimals at most."""
+    size = abs(value)
+    for least, digits in ((99.95, 0), (9.995, 1), (0.0995, 2), (0.00995, 3), (0.00005, 4)):
+        if size >= least:
+            return f"{value:.{digits}f}"
+    return "0"
+
+
 def length_unit(settings: Any) -> tuple[float, str]:
     """Return the factor that takes scene lengths to the scene's unit, and the unit's name.
 

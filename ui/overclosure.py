@@ -11,7 +11,7 @@ from ..femors_addon.overclosure_settings import OverclosureSettings
 from ..femors_addon.settings import specs
 from ..operators import bodies, dependencies
 from ..operators.job import JobOperator
-from .figures import draw_row, draw_sentence, length_unit, number, parsed
+from .figures import draw_row, draw_sentence, fixed, length_unit, number, parsed
 from .panels import FemorsPanel, draw_own_job
 
 SHOWN = 12
@@ -33,7 +33,7 @@ class FEMORS_UL_pairs(bpy.types.UIList):
         row.prop(item, "exclude", text="", icon=tick, emboss=False)
         cells = row.row(align=True)
         cells.active = not item.exclude
-        depth = number(factor * item.depth) if item.depth > 0 else "-"
+        depth = fixed(factor * item.depth) if item.depth > 0 else "-"
         _cells(cells, (item.one, item.two), depth, str(item.over), ICONS.get(item.state, "BLANK1"))
 
     def filter_items(self, context, data, name):
@@ -276,12 +276,12 @@ def _volume(pairs: list[dict[str, Any]], factor: float) -> str:
 
 def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over: str, icon: str) -> None:
     """Draw a row of the table of pairs, the two names one below the other."""
-    split = layout.split(factor=0.55, align=True)
+    split = layout.split(factor=0.5, align=True)
     column = split.column(align=True)
     column.scale_y = 0.6 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
     for name in names:
         column.label(text=name)
-    cells = split.split(factor=0.5)
+    cells = split.split(factor=0.54)
     for text in (depth, over):
         cell = cells.row()
         cell.alignment = "RIGHT"

@@ -34,7 +34,7 @@ class FEMORS_preferences(bpy.types.AddonPreferences):
     )
     threads: bpy.props.IntProperty(
         name="Threads",
-        description="For the search for closest points; 0 takes all processors. Results do not depend on it",
+        description="For whatever goes block by block; 0 takes all processors. Results do not depend on it",
         default=1,
         min=0,
         max=256,
@@ -42,7 +42,10 @@ class FEMORS_preferences(bpy.types.AddonPreferences):
     )
     memory: bpy.props.IntProperty(
         name="Memory Limit (MB)",
-        description="A morph that would need more is refused before it starts; 0 is no limit",
+        description=(
+            "A morph, a removal of overclosure, a transfer or a measurement of quality that would need more "
+            "is refused before it starts; 0 is no limit"
+        ),
         default=0,
         min=0,
         soft_max=65536,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..operators import fields
 from ..operators.job import JobOperator
-from .figures import draw_sentence, length_unit, number
+from .figures import draw_sentence, fixed, length_unit, number
 from .panels import FemorsPanel, draw_own_job
 
 COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "scale"), ("spread", "spread"))
@@ -31,7 +31,7 @@ class FEMORS_UL_marks(bpy.types.UIList):
         for name, _ in columns(data):
             value = getattr(item, name)
             unknown = (name == "spread" and value < 0) or (name == "residual" and not np.isfinite(value))
-            cells.append("-" if unknown else short(value * (factor if name in LENGTHS else 1.0)))
+            cells.append("-" if unknown else fixed(value * (factor if name in LENGTHS else 1.0)))
         draw_cells(layout, item.name, cells)
 
     def filter_items(self, context, data, name):
@@ -67,14 +67,6 @@ def _weight(name: str, value: float) -> float:
 def columns(form: Any) -> tuple[tuple[str, str], ...]:
     """Return the columns that say something: without several templates there is no spread."""
     return COLUMNS if any(mark.spread >= 0 for mark in form.marks) else COLUMNS[:-1]
-
-
-def short(value: float) -> str:
-    """Return two significant digits, or all before the point: what a narrow column holds."""
-    text = number(value)
-    if len(text) < 5:
-        return text
-    return f"{value:.0f}" if abs(value) >= 10 else f"{float(f'{value:.2g}'):g}"
 
 
 def draw_cells(layout: bpy.types.UILayout, title: str, cells: list[str]) -> None:
@@ -115,6 +107,8 @@ class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.6
         button.operator("femors.transfer", text="Transfer", icon="TRACKING_FORWARDS_SINGLE")
+        if form.report:
+            layout.operator("femors.report", text="Write Report...", icon="FILE_TEXT").transfer = True
         draw_files(layout)
 
 

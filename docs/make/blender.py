@@ -63,17 +63,14 @@ def preferences(bpy: Any) -> list[Any]:
 def _operator(rna: Any) -> str:
     name = rna.identifier.replace("FEMORS_OT_", "")
     text = f"\n### femors.{name}\n\n**{cell(rna.name)}**. {cell(rna.description)}\n"
-    rows = list(map(_row, visible(rna)))
+    rows = list(map(_row, visible(rna, hidden=True)))
     return text + (f"\n{table(('Argument', 'Label', 'Default', 'What'), rows)}" if rows else "")
 
 
-def visible(rna: Any) -> list[Any]:
-    """Return the properties that a person or a script sets."""
-    return [
-        item
-        for item in rna.properties
-        if item.identifier not in ("rna_type", "name", "bl_idname") and not item.is_hidden
-    ]
+def visible(rna: Any, hidden: bool = False) -> list[Any]:
+    """Return the properties that a person sets; or a script, to which what a dialog hides is open, too."""
+    none = ("rna_type", "name", "bl_idname", "filter_glob", "check_existing")
+    return [item for item in rna.properties if item.identifier not in none and (hidden or not item.is_hidden)]
 
 
 def _row(item: Any) -> tuple[str, str, str, str]:

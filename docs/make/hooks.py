@@ -37,4 +37,6 @@ def on_page_content(html_text: str, **_: Any) -> str:
 def _mathml(found: re.Match[str]) -> str:
     kind, latex = found[1], html.unescape(found[3]).strip()
     made = convert(latex, display="block" if kind == "div" else "inline")
+    if "\\" in made:
+        raise ValueError(f"the formula {latex!r} has a command that is not known and would be shown as it is")
     return f'<{kind} class="formula">{made}</{kind}>'

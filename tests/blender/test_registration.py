@@ -127,6 +127,13 @@ def test_the_figures_are_in_the_scenes_unit(empty, part, system, unit, scale, ex
     assert (round(factor, 6), name) == expected
 
 
+def test_numbers_in_narrow_columns_are_fixed_and_short(part):
+    fixed = part("ui.figures").fixed
+    cases = (-2.9e-6, 0.0, 0.00012, 0.0043, -0.0234, 0.8921, -1.25, 12.34, 99.96, 1464.4)
+    expected = ("0", "0", "0.0001", "0.0043", "-0.023", "0.89", "-1.25", "12.3", "100", "1464")
+    assert tuple(map(fixed, cases)) == expected
+
+
 def test_presets_answer_no_question_about_the_data(part):
     """The panel keeps what was said of the data when a preset is chosen, so presets must not differ there."""
     settings, module = part("femors_addon.settings"), part("femors_addon.morph_settings")

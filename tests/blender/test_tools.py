@@ -105,6 +105,22 @@ def test_preferences_hold(pair, part):
         with pytest.raises(RuntimeError, match="limit in the preferences is 20 MB"):
             bpy.ops.femors.morph(source="Femur", target="Scan")
         preferences.memory = 0
+        bpy.ops.femors.morph(source="Femur", target="Scan")
+        pair[0].vertex_groups.new(name="tip").add([100], 1.0, "REPLACE")
+        objects, report = set(bpy.data.objects), bpy.context.scene.femors_transfer.report
+        preferences.memory = 5
+        for refused in (
+            lambda: bpy.ops.femors.quality(mesh="Femur", other="Scan"),
+            bpy.ops.femors.transfer,
+            lambda: bpy.ops.femors.transfer(what="OBJECTS", objects="Femur"),
+            lambda: bpy.ops.femors.remove_overclosure(bodies="Femur;Scan"),
+            lambda: bpy.ops.femors.check_overclosure(bodies="Femur;Scan"),
+        ):
+            with pytest.raises(RuntimeError, match="limit in the preferences is 5 MB"):
+                refused()
+        assert set(bpy.data.objects) == objects and not pair[1].vertex_groups
+        assert (bpy.context.scene.femors_transfer.report, pair[0].femors.quality) == (report, "")
+        preferences.memory = 0
         preferences.unit = "MILLIMETERS"
         figures = part("ui.figures")
         assert figures.length_unit(bpy.context.scene.unit_settings) == (1.0, "mm")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import bpy
 import numpy as np
@@ -114,6 +115,71 @@ def test_the_table_lists_the_landmarks(morphed):
     assert [mark.name for mark in marks] == ["tip", "pole"]
     assert all(abs(mark.distance) < 1e-5 and mark.residual < 0.05 and mark.stretch > 0 for mark in marks)
     assert all(mark.spread == -1.0 for mark in marks)
+
+
+def test_groups_have_a_report(morphed, tools, tmp_path):
+    with pytest.raises(RuntimeError, match="Nothing was transferred in this scene"):
+        bpy.ops.femors.report(filepath=str(tmp_path / "r.html"), transfer=True)
+    assert list(tmp_path.iterdir()) == []
+    bpy.ops.femors.transfer(field=FIELD, project=True)
+    for name in ("r.json", "r.csv", "r.html"):
+        assert bpy.ops.femors.report(filepath=str(tmp_path / name), transfer=True) == {"FINISHED"}
+    got = json.loads((tmp_path / "r.json").read_text())
+    rows = {row["landmark"]: row for row in got["landmarks"]}
+    np.testing.assert_allclose(rows["tip"]["before"], tools.world(morphed[0])[100], atol=1e-6)
+    marks = {mark.name: mark for mark in bpy.context.scene.femors_transfer.marks}
+    for name, row in rows.items():
+        np.testing.assert_allclose(row["after"], marks[name].point, atol=1e-6)
+        assert row["distance_after"] == 0.0 and row["in_range"] == "yes"  # it was projected
+        assert row["residual"] == pytest.approx(marks[name].residual, abs=1e-6)
+    (site,) = got["regions"]
+    assert site["region"] == "site" and site["area"] > 0
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == 4 and "<th>tip</th>" in page and bpy.app.version_string in page
+    painted = re.findall(r"data:image/png;base64,([^\"]+)", page)
+    for item in morphed[:2]:
+        for group in item.vertex_groups:  # no vertex is in a group any more
+            group.remove(list(range(len(item.data.vertices))))
+    assert bpy.ops.femors.report(filepath=str(tmp_path / "r.html"), transfer=True) == {"FINISHED"}
+    plain = re.findall(r"data:image/png;base64,([^\"]+)", (tmp_path / "r.html").read_text(encoding="utf-8"))
+    assert len(plain) == 4 and any(one != two for one, two in zip(painted, plain, strict=True))
+    assert "landmarks.0.before.0" in (tmp_path / "r.csv").read_text()
+
+
+@pytest.mark.parametrize("result", ["COPY", "SHAPE_KEY"])
+@pytest.mark.parametrize("gone", [False, True])
+def test_objects_have_a_report(morphed, tools, tmp_path, result, gone):
+    thing = morphed[0].copy()
+    thing.name = "Thing"
+    thing.data = thing.data.copy()
+    bpy.context.scene.collection.objects.link(thing)
+    bpy.context.view_layer.update()
+    bpy.ops.femors.transfer(what="OBJECTS", objects="Thing", result=result)
+    if gone:
+        bpy.data.objects.remove(thing)
+        bpy.data.texts.remove(bpy.data.texts[FIELD])
+    path = tmp_path / "r.html"
+    assert bpy.ops.femors.report(filepath=str(path), transfer=True) == {"FINISHED"}
+    page = path.read_text(encoding="utf-8")
+    assert "<th>Thing</th>" in page and page.count("data:image/png") == (0 if gone else 4)
+    bpy.ops.femors.report(filepath=str(tmp_path / "r.json"), transfer=True)
+    (row,) = json.loads((tmp_path / "r.json").read_text())["carried"]
+    assert row["points"] == len(morphed[2].data.vertices)
+    assert row["distance_before"]["maximum"] < 1e-5 and row["in_range"] == "100 %"
+
+
+def test_empties_have_a_report(morphed, tmp_path):
+    item = bpy.data.objects.new("tip", None)
+    item.location = (0.1, 0.2, 0.3)
+    bpy.context.scene.collection.objects.link(item)
+    bpy.context.view_layer.update()
+    bpy.ops.femors.transfer(what="OBJECTS", objects="tip", strength=0.5)
+    bpy.ops.femors.report(filepath=str(tmp_path / "r.json"), transfer=True)
+    (row,) = json.loads((tmp_path / "r.json").read_text())["landmarks"]
+    assert row["before"] == pytest.approx([0.1, 0.2, 0.3]) and row["distance_before"] < 0
+    assert row["distance_after"] is None, "half way it is on no surface"
+    after = bpy.data.objects["tip carried"].matrix_world.translation
+    assert row["after"] == pytest.approx(list(after), abs=1e-6)
 
 
 def test_a_second_transfer_moves_the_empties_of_the_first(morphed):
