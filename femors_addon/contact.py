@@ -74,15 +74,15 @@ class Region:
         return cls(Surface(surface.vertices[vertex] + shift, local), vertex)
 
     @classmethod
-    def near(cls, surface: Surface, bound: Float, shift: Float) -> Region:
+    def near(cls, surface: Surface, bound: Float, shift: Float, longest: float = np.inf) -> Region:
         """Cut out, and shift, faces whose edges may reach a surface that is at least `bound` (n,) away.
 
-        An edge that meets a surface has an end within half its length of it.
+        An edge that meets a surface has an end within half its length of it; none is longer than `longest`.
         """
         nearest = triples.least(bound[surface.faces])
-        near = np.flatnonzero(nearest < surface.longest)
-        longest = np.sqrt(triples.longest_squared(surface.vertices.take(surface.faces[near], axis=0)))
-        return cls.cut(surface, near[nearest[near] <= 0.5 * longest], shift)
+        near = np.flatnonzero(nearest <= 0.5 * longest)
+        sides = np.sqrt(triples.longest_squared(surface.vertices.take(surface.faces[near], axis=0)))
+        return cls.cut(surface, near[nearest[near] <= 0.5 * sides], shift)
 
 
 class Pair:
@@ -131,6 +131,11 @@ class Pair:
             own, _ = steps.get(side.body.name, (0.0, 0.0))
             _, other = steps.get(side.other.name, (0.0, 0.0))
             side.bound -= own + other
+
+    def rest(self) -> None:
+        """Let go of what only the next look needs."""
+        for side in self.sides:
+            side.rest()
 
     def forget(self) -> None:
         """Measure everything anew the next time."""
@@ -203,6 +208,10 @@ class Side:
         near = on_edges.gaps < reach  # places that are far off by now may be forgotten
         self.ends, self.along, self.on_edges = self.ends[near], self.along[near], on_edges.at(near)
 
+    def rest(self) -> None:
+        """Let go of the search structure."""
+        self._index, self._region = None, None
+
     def between(self, values: Float) -> Float:
         """Return what a quantity of the vertices is at the places on edges."""
         one, two = values[self.ends[:, 0]], values[self.ends[:, 1]]
@@ -273,9 +282,10 @@ class Side:
         """Find the edges that pierce the other surface, and keep a place on each; return how many do."""
         if self._index is None or self._region is None:
             return 0
-        if self.bound.min() > self.body.longest:  # half of it would do, as long as no edge grew to twice
+        longest = self.body.longest + 2.0 * float(triples.length(self.body.displacement).max())
+        if self.bound.min() > 0.5 * longest:
             return 0
-        near = Region.near(self.body.surface, self.bound, self.shift)
+        near = Region.near(self.body.surface, self.bound, self.shift, longest)
         if not len(near.surface.faces):
             return 0
         found = piercings(near.surface, self._region.surface)

@@ -11,6 +11,7 @@ cross. The closest point to a node at the centre of a ball would have to be look
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +33,14 @@ class Target:
     """A body that others are measured against; its search structures are made when they are asked for."""
 
     def __init__(self, solid: Solid) -> None:
-        self.solid, self.surface = solid, solid.surface
+        self.solid, self.surface = solid, solid.surface.bare()
         self._corners: cKDTree | None = None
         self._index: SurfaceIndex | None = None
+
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest side of a face."""
+        return float(np.sqrt(triples.longest_squared(self.surface.corners).max()))
 
     def corner(self, points: Float) -> tuple[Float, NDArray[np.int64]]:
         """Return (distance (p,) of the nearest vertex, (p,) which)."""
@@ -42,6 +48,12 @@ class Target:
             self._corners = cKDTree(self.surface.vertices, balanced_tree=False)
         far, which = self._corners.query(points)
         return far, which
+
+    def near(self, points: Float) -> Float:
+        """Return exact signed distances (p,) of points that are all near the surface."""
+        if not len(points):
+            return np.zeros(0)
+        return self.signed(points, float(self.corner(points)[0].max()))[0]
 
     def signed(self, points: Float, reach: float = np.inf) -> tuple[Float, Float]:
         """Return exact signed distances (p,) and pseudonormals (p, 3); no point is farther than `reach`."""
@@ -93,14 +105,14 @@ def distances(surface: Surface, other: Target, reach: float, exact: bool = False
     """
     points = surface.vertices
     low, high = other.surface.bounds
-    rows = np.flatnonzero(triples.every((points >= low - reach) & (points <= high + reach)))
-    apart = np.full(len(points), reach)
+    apart = triples.length(np.maximum(np.maximum(low - points, points - high), 0.0))  # from its box
+    rows = np.flatnonzero(apart <= reach)
     bound = apart.copy()
     if not len(rows):
         return Distances(rows, np.zeros(0), np.zeros(0, dtype=bool), bound, apart)
     points = points[rows]
     most, corner = other.corner(points)
-    fewest = np.sqrt(np.maximum(most**2 - other.surface.longest**2 / 3.0, 0.0)) * (1.0 - 1e-12)
+    fewest = np.sqrt(np.maximum(most**2 - other.longest**2 / 3.0, 0.0)) * (1.0 - 1e-12)
     near = fewest <= reach
     if other.solid.open_edges:  # beside an open border neighbours may be on either side
         near[:] = True
