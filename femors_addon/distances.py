@@ -24,7 +24,8 @@ from .contact import Region
 from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
 
-FIRST = 64  # deep vertices that are measured first, to tell which others may be deeper
+FIRST = 8  # deep vertices that are measured first, to tell which others may be deeper
+DEEPER = 1e-3  # of the depth: what counts as deeper, for a vertex that is far inside
 
 Mask = NDArray[np.bool_]
 
@@ -81,8 +82,8 @@ class Distances:
     rows : (k,) int64
         The vertices.
     signed : (k,) float64
-        Distances, negative inside. Exact below the reach outside and inside, and for the deepest;
-        farther outside no less than the reach, farther inside not so deep as the deepest.
+        Distances, negative inside. Exact below the reach, outside and inside; farther outside no less
+        than the reach; farther inside the least of all is the depth, exact or less by a thousandth.
     wrong : (k,) bool
         Whether a vertex inside would leave along its own normal, by the wrong side.
     bound : (n,) float64
@@ -176,7 +177,7 @@ def _measure_deepest(
     while start < len(deep):
         block = deep[start : start + size]
         if not exact:
-            block = block[most[block] > -float(signed.min())]
+            block = block[most[block] > (1.0 + DEEPER) * -float(signed.min())]
             if not len(block):
                 return
         signed[block] = np.minimum(other.signed(points[block])[0], 0.0)
