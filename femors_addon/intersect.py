@@ -213,7 +213,9 @@ def _candidates(a: Surface, b: Surface) -> Iterator[tuple[Index, Index]]:
 
 def _within(corners: Float, low: Float, high: Float) -> Index:
     """Indices of the faces (m, 3, 3) whose bounding box reaches into a box."""
-    return np.flatnonzero(triples.every((triples.least(corners) <= high) & (triples.greatest(corners) >= low)))
+    return np.flatnonzero(
+        triples.every((triples.least(corners) <= high) & (triples.greatest(corners) >= low))
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -81,7 +81,9 @@ class Surface:
     def bare(self) -> Surface:
         """Return the surface with nothing remembered but its edges and border: large ones take memory."""
         other = Surface(self.vertices, self.faces)
-        other.__dict__.update({name: self.__dict__[name] for name in ("edges", "border") if name in self.__dict__})
+        other.__dict__.update(
+            {name: self.__dict__[name] for name in ("edges", "border") if name in self.__dict__}
+        )
         return other
 
     # --- geometry -----------------------------------------------------------------------------

@@ -59,7 +59,9 @@ class SurfaceIndex:
         self._faces_at, self._first = surface.corner_order
         count = np.diff(self._first)
         longest = np.zeros(len(surface.vertices))
-        np.maximum.at(longest, surface.faces.ravel(), np.repeat(np.sqrt(triples.longest_squared(surface.corners)), 3))
+        np.maximum.at(
+            longest, surface.faces.ravel(), np.repeat(np.sqrt(triples.longest_squared(surface.corners)), 3)
+        )
         self._slack = longest**2 / 3.0
         used = np.flatnonzero(count)
         base = max(1.6 * float(np.median(longest[used])), 1e-300)
