@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from . import triples
 from .bodies import Solid
 from .intersect import piercings
+from .limits import side_by_side
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 
@@ -113,10 +114,11 @@ class Pair:
 
     def look(self, reach: float) -> None:
         """Measure all gaps anew that may be below `reach`."""
-        one, two = self.sides
-        one.frame = self.offset
-        one.look(reach, self.offset)
-        two.look(reach, -self.offset)
+        self.sides[0].frame = self.offset
+        self.sides[0].shift, self.sides[1].shift = self.offset, -self.offset
+        for solid in (self.one, self.two):
+            _ = solid.surface.bounds  # made once, not by each thread
+        side_by_side(lambda side: side.look(reach), self.sides)
 
     def shifted(self, offset: Float) -> None:
         """Look at the pair with the first body at another offset from now on."""
@@ -152,7 +154,7 @@ class Pair:
 
     def pierce(self) -> int:
         """Find the edges that pierce the other surface, to be kept from it from now on; return how many."""
-        return sum(side.pierce() for side in self.sides)
+        return sum(side_by_side(Side.pierce, self.sides))
 
 
 class Side:
@@ -172,9 +174,9 @@ class Side:
         self._index: SurfaceIndex | None = None
         self._region: Region | None = None
 
-    def look(self, reach: float, shift: Float) -> None:
+    def look(self, reach: float) -> None:
         """Measure the gaps that may be below `reach`, this body being shifted."""
-        self.shift = shift
+        shift = self.shift
         rows = np.flatnonzero(self.bound < reach)
         self.found.gaps[rows] = np.inf
         low, high = self.other.surface.bounds

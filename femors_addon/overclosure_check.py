@@ -21,6 +21,7 @@ from .booleans import shared_volume
 from .contact import Region
 from .distances import Distances, Target, distances
 from .intersect import crossings, piercings
+from .limits import side_by_side
 from .mesh import Float, Surface, edge_matrix
 from .progress import FemorsError, Progress, silent
 
@@ -191,8 +192,8 @@ def measure(
     inside, near = [], []
     limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
     slack = _rounding(a) + _rounding(b)
-    for own, other in ((one, two), (two, one)):
-        found = distances(own.surface, other, reach)
+    both = side_by_side(lambda ends: distances(ends[0].surface, ends[1], reach), ((one, two), (two, one)))
+    for own, other, found in ((one, two, both[0]), (two, one, both[1])):
         if bounds is not None:
             bounds[own.solid.name, other.solid.name] = found.bound
         near.append(_close(own.surface, found, slack, own.longest))

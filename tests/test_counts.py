@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operations of a morph and of a removal against the committed counts: what costs more than before must be meant."""
+"""Operations of a morph and of a removal against the committed counts: a change must be meant."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a morph and a removal of overclosure have done, in operations: the same on every machine, however busy it is.
+"""What a morph and a removal have done, in operations: the same on every machine, however busy it is.
 
     .venv/bin/python tests/bench/counting.py [--write]
 
-Prints the counts of a morph of two bones of our own making, and of two balls pushed apart; ``--write`` makes
-them the committed ones in counts.json and counts_overclosure.json, which tests/test_counts.py holds the code to.
+Prints the counts of a morph of two bones of our own making, and of two balls pushed apart; ``--write``
+makes them the committed ones in counts.json and counts_overclosure.json, which tests/test_counts.py holds
+the code to.
 """
 
 from __future__ import annotations
