@@ -116,8 +116,8 @@ class Solid:
         self.held: set[int] = set()
         self.version = 0
         self._begun = None if self.mesh is None else scaled_jacobians(self.mesh)
-        self._topology = cleaned.surface
-        self._surface: Surface | None = cleaned.surface
+        self._topology = cleaned.surface.bare()
+        self._surface: Surface | None = self._topology
 
     @property
     def surface(self) -> Surface:

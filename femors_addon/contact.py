@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from . import triples
 from .bodies import Solid
 from .intersect import piercings
+from .limits import in_threads
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 
@@ -74,15 +75,15 @@ class Region:
         return cls(Surface(surface.vertices[vertex] + shift, local), vertex)
 
     @classmethod
-    def near(cls, surface: Surface, bound: Float, shift: Float) -> Region:
+    def near(cls, surface: Surface, bound: Float, shift: Float, longest: float = np.inf) -> Region:
         """Cut out, and shift, faces whose edges may reach a surface that is at least `bound` (n,) away.
 
-        An edge that meets a surface has an end within half its length of it.
+        An edge that meets a surface has an end within half its length of it; none is longer than `longest`.
         """
         nearest = triples.least(bound[surface.faces])
-        near = np.flatnonzero(nearest < surface.longest)
-        longest = np.sqrt(triples.longest_squared(surface.vertices.take(surface.faces[near], axis=0)))
-        return cls.cut(surface, near[nearest[near] <= 0.5 * longest], shift)
+        near = np.flatnonzero(nearest <= 0.5 * longest)
+        sides = np.sqrt(triples.longest_squared(surface.vertices.take(surface.faces[near], axis=0)))
+        return cls.cut(surface, near[nearest[near] <= 0.5 * sides], shift)
 
 
 class Pair:
@@ -113,10 +114,11 @@ class Pair:
 
     def look(self, reach: float) -> None:
         """Measure all gaps anew that may be below `reach`."""
-        one, two = self.sides
-        one.frame = self.offset
-        one.look(reach, self.offset)
-        two.look(reach, -self.offset)
+        self.sides[0].frame = self.offset
+        self.sides[0].shift, self.sides[1].shift = self.offset, -self.offset
+        for solid in (self.one, self.two):
+            _ = solid.surface.bounds  # made once, not by each thread
+        list(in_threads(lambda side: side.look(reach), self.sides))
 
     def shifted(self, offset: Float) -> None:
         """Look at the pair with the first body at another offset from now on."""
@@ -131,6 +133,11 @@ class Pair:
             own, _ = steps.get(side.body.name, (0.0, 0.0))
             _, other = steps.get(side.other.name, (0.0, 0.0))
             side.bound -= own + other
+
+    def rest(self) -> None:
+        """Let go of what only the next look needs."""
+        for side in self.sides:
+            side.rest()
 
     def forget(self) -> None:
         """Measure everything anew the next time."""
@@ -147,7 +154,7 @@ class Pair:
 
     def pierce(self) -> int:
         """Find the edges that pierce the other surface, to be kept from it from now on; return how many."""
-        return sum(side.pierce() for side in self.sides)
+        return sum(in_threads(Side.pierce, self.sides))
 
 
 class Side:
@@ -167,9 +174,9 @@ class Side:
         self._index: SurfaceIndex | None = None
         self._region: Region | None = None
 
-    def look(self, reach: float, shift: Float) -> None:
+    def look(self, reach: float) -> None:
         """Measure the gaps that may be below `reach`, this body being shifted."""
-        self.shift = shift
+        shift = self.shift
         rows = np.flatnonzero(self.bound < reach)
         self.found.gaps[rows] = np.inf
         low, high = self.other.surface.bounds
@@ -202,6 +209,10 @@ class Side:
         on_edges = self._measured(edges)
         near = on_edges.gaps < reach  # places that are far off by now may be forgotten
         self.ends, self.along, self.on_edges = self.ends[near], self.along[near], on_edges.at(near)
+
+    def rest(self) -> None:
+        """Let go of the search structure."""
+        self._index, self._region = None, None
 
     def between(self, values: Float) -> Float:
         """Return what a quantity of the vertices is at the places on edges."""
@@ -273,9 +284,10 @@ class Side:
         """Find the edges that pierce the other surface, and keep a place on each; return how many do."""
         if self._index is None or self._region is None:
             return 0
-        if self.bound.min() > self.body.longest:  # half of it would do, as long as no edge grew to twice
+        longest = self.body.longest + 2.0 * float(triples.length(self.body.displacement).max())
+        if self.bound.min() > 0.5 * longest:
             return 0
-        near = Region.near(self.body.surface, self.bound, self.shift)
+        near = Region.near(self.body.surface, self.bound, self.shift, longest)
         if not len(near.surface.faces):
             return 0
         found = piercings(near.surface, self._region.surface)

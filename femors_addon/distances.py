@@ -11,6 +11,7 @@ cross. The closest point to a node at the centre of a ball would have to be look
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ from .contact import Region
 from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
 
-FIRST = 64  # deep vertices that are measured first, to tell which others may be deeper
+FIRST = 8  # deep vertices that are measured first, to tell which others may be deeper
+DEEPER = 1e-3  # of the depth: what counts as deeper, for a vertex that is far inside
 
 Mask = NDArray[np.bool_]
 
@@ -32,9 +34,14 @@ class Target:
     """A body that others are measured against; its search structures are made when they are asked for."""
 
     def __init__(self, solid: Solid) -> None:
-        self.solid, self.surface = solid, solid.surface
+        self.solid, self.surface = solid, solid.surface.bare()
         self._corners: cKDTree | None = None
         self._index: SurfaceIndex | None = None
+
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest side of a face."""
+        return float(np.sqrt(triples.longest_squared(self.surface.corners).max()))
 
     def corner(self, points: Float) -> tuple[Float, NDArray[np.int64]]:
         """Return (distance (p,) of the nearest vertex, (p,) which)."""
@@ -42,6 +49,12 @@ class Target:
             self._corners = cKDTree(self.surface.vertices, balanced_tree=False)
         far, which = self._corners.query(points)
         return far, which
+
+    def near(self, points: Float) -> Float:
+        """Return exact signed distances (p,) of points that are all near the surface."""
+        if not len(points):
+            return np.zeros(0)
+        return self.signed(points, float(self.corner(points)[0].max()))[0]
 
     def signed(self, points: Float, reach: float = np.inf) -> tuple[Float, Float]:
         """Return exact signed distances (p,) and pseudonormals (p, 3); no point is farther than `reach`."""
@@ -69,8 +82,8 @@ class Distances:
     rows : (k,) int64
         The vertices.
     signed : (k,) float64
-        Distances, negative inside. Exact below the reach outside and inside, and for the deepest;
-        farther outside no less than the reach, farther inside not so deep as the deepest.
+        Distances, negative inside. Exact below the reach, outside and inside; farther outside no less
+        than the reach; farther inside the least of all is the depth, exact or less by a thousandth.
     wrong : (k,) bool
         Whether a vertex inside would leave along its own normal, by the wrong side.
     bound : (n,) float64
@@ -93,14 +106,14 @@ def distances(surface: Surface, other: Target, reach: float, exact: bool = False
     """
     points = surface.vertices
     low, high = other.surface.bounds
-    rows = np.flatnonzero(triples.every((points >= low - reach) & (points <= high + reach)))
-    apart = np.full(len(points), reach)
+    apart = triples.length(np.maximum(np.maximum(low - points, points - high), 0.0))  # from its box
+    rows = np.flatnonzero(apart <= reach)
     bound = apart.copy()
     if not len(rows):
         return Distances(rows, np.zeros(0), np.zeros(0, dtype=bool), bound, apart)
     points = points[rows]
     most, corner = other.corner(points)
-    fewest = np.sqrt(np.maximum(most**2 - other.surface.longest**2 / 3.0, 0.0)) * (1.0 - 1e-12)
+    fewest = np.sqrt(np.maximum(most**2 - other.longest**2 / 3.0, 0.0)) * (1.0 - 1e-12)
     near = fewest <= reach
     if other.solid.open_edges:  # beside an open border neighbours may be on either side
         near[:] = True
@@ -164,7 +177,7 @@ def _measure_deepest(
     while start < len(deep):
         block = deep[start : start + size]
         if not exact:
-            block = block[most[block] > -float(signed.min())]
+            block = block[most[block] > (1.0 + DEEPER) * -float(signed.min())]
             if not len(block):
                 return
         signed[block] = np.minimum(other.signed(points[block])[0], 0.0)

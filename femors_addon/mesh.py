@@ -78,6 +78,14 @@ class Surface:
                 other.__dict__[name] = self.__dict__[name]
         return other
 
+    def bare(self) -> Surface:
+        """Return the surface with nothing remembered but its edges and border: large ones take memory."""
+        other = Surface(self.vertices, self.faces)
+        other.__dict__.update(
+            {name: self.__dict__[name] for name in ("edges", "border") if name in self.__dict__}
+        )
+        return other
+
     # --- geometry -----------------------------------------------------------------------------
     @cached_property
     def corners(self) -> Float:
@@ -123,11 +131,6 @@ class Surface:
         """Mean length of the edges."""
         a, b = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
         return float(triples.length(a - b).mean()) if len(a) else 0.0
-
-    @cached_property
-    def longest(self) -> float:
-        """Length of the longest side of a face."""
-        return float(np.sqrt(triples.longest_squared(self.corners).max(initial=0.0)))
 
     @cached_property
     def volume(self) -> float:

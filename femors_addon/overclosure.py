@@ -210,6 +210,8 @@ def _removed(
         start = 0.9 * number / TRIES
         stop = run(efforts, solids, settings, history, part(progress, start, 0.9), preview)
         progress(0.9, "overclosure: certificate")
+        for effort in efforts:
+            effort.pair.rest()
         after = find(solids, asked, _band(solids, settings), part(progress, 0.9, 1.0))
         tried = {effort.pair.names for effort in efforts}
         if stop or all(finding.clear for finding in after if finding.names in tried):

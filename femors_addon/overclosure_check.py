@@ -21,6 +21,7 @@ from .booleans import shared_volume
 from .contact import Region
 from .distances import Distances, Target, distances
 from .intersect import crossings, piercings
+from .limits import in_threads
 from .mesh import Float, Surface, edge_matrix
 from .progress import FemorsError, Progress, silent
 
@@ -191,11 +192,12 @@ def measure(
     inside, near = [], []
     limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
     slack = _rounding(a) + _rounding(b)
-    for own, other in ((one, two), (two, one)):
-        found = distances(own.surface, other, reach)
+    ways = ((one, two), (two, one))
+    both = in_threads(lambda ends: distances(ends[0].surface, ends[1], reach), ways)
+    for (own, other), found in zip(ways, both, strict=True):
         if bounds is not None:
             bounds[own.solid.name, other.solid.name] = found.bound
-        near.append(_close(own.surface, found, slack))
+        near.append(_close(own.surface, found, slack, own.longest))
         rows, distance, wrong = found.rows, found.signed - slack, found.wrong  # less in single precision
         over.append(int((distance < limit).sum()))
         if len(rows) and distance.min() < least:
@@ -205,7 +207,8 @@ def measure(
         # a ball whose socket has closed in on it comes free by its own side: that is no body in a body
         swallowed = deep.any() and wrong[distance < 0].mean() > SWALLOWED
         inside.append(deep if swallowed else np.zeros_like(deep))
-    pairs = max(len(crossings(*near)), len(crossings(*(_single(part) for part in near))))
+    pairs = len(crossings(*(part.bare() for part in near)))
+    pairs = max(pairs, len(crossings(*(_single(part) for part in near))))
     if least >= band and not pairs:
         return None
     if least >= reach:  # large faces cross, and no node is near
@@ -284,11 +287,11 @@ def same_surface(one: Solid, two: Solid) -> bool:
     return bool(np.abs(a.vertices[order[0]] - b.vertices[order[1]]).max(initial=0.0) <= close)
 
 
-def _close(surface: Surface, found: Distances, slack: float) -> Surface:
+def _close(surface: Surface, found: Distances, slack: float, longest: float) -> Surface:
     """The faces that may cross the other surface: all their corners are within a side's length of it."""
     faces = surface.faces
     farthest = triples.greatest(found.apart[faces]) - slack
-    chosen = np.flatnonzero(farthest <= surface.longest)
+    chosen = np.flatnonzero(farthest <= longest)
     sides = np.sqrt(triples.longest_squared(surface.vertices.take(faces[chosen], axis=0)))
     return Region.cut(surface, chosen[farthest[chosen] <= sides * (1.0 + 1e-9) + slack]).surface
 

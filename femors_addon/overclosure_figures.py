@@ -12,9 +12,9 @@ import numpy as np
 from . import booleans
 from .bodies import Solid
 from .contact import Region
+from .distances import Target
 from .intersect import crossings, piercings
 from .mesh import Float, Surface
-from .nearest import SurfaceIndex
 from .quality import Stat, aspect_ratio, dihedral_angles
 from .separation import thickness
 from .volume import Ids, VolumeMesh
@@ -136,9 +136,10 @@ class BodyResult:
 
 def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
     """Return the figures of a body, from where it began to where it is."""
-    old, new, nodes = solid.begun_surface, solid.surface, solid.nodes
+    old, new, nodes = solid.begun_surface.bare(), solid.surface.bare(), solid.nodes
     distance = np.linalg.norm(nodes - solid.body.nodes, axis=1)
     moved = distance > 0
+    xor = booleans.xor_volume(old, new) if moved.any() else 0.0  # first, for it needs most memory
     touched, settled = _contact(solid, efforts)
     thickness, thinned = _thickness(old, new, touched) if moved.any() else (None, 0.0)
     elements = None
@@ -150,7 +151,6 @@ def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
             VolumeQuality.of(solid.mesh.moved(nodes), valid),
         )
     ids = np.zeros(0, np.int64) if solid.mesh is None else solid.mesh.element_ids
-    xor = booleans.xor_volume(old, new) if moved.any() else 0.0
     same = not moved.any()
     aspect, dihedral = Stat.of(aspect_ratio(old)), Stat.of(dihedral_angles(old))
     return BodyResult(
@@ -183,7 +183,7 @@ def _contact(solid: Solid, efforts: Sequence[Effort]) -> tuple[np.ndarray, Float
             mine = np.flatnonzero(side.ever) if side.body is solid else rows[0]
             if len(mine):
                 rows.append(mine)
-                gaps.append(SurfaceIndex(side.other.surface).signed(solid.vertices[mine]))
+                gaps.append(Target(side.other).near(solid.vertices[mine]))
     return np.unique(np.concatenate(rows)), np.concatenate(gaps)
 
 

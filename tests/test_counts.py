@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operations of a morph against the committed counts: what costs more than before must be meant."""
+"""Operations of a morph and of a removal against the committed counts: a change must be meant."""
 
 from __future__ import annotations
 
@@ -23,8 +23,15 @@ MEANT = 0.2
 
 
 def test_a_morph_takes_as_many_operations_as_committed():
-    committed = json.loads(counting.COMMITTED.read_text(encoding="utf-8"))
-    found = counting.of_a_morph()
+    compare(counting.COMMITTED, counting.of_a_morph())
+
+
+def test_a_removal_takes_as_many_operations_as_committed():
+    compare(counting.COMMITTED_REMOVAL, counting.of_a_removal())
+
+
+def compare(path: Path, found: dict[str, int]) -> None:
+    committed = json.loads(path.read_text(encoding="utf-8"))
     assert found.keys() == committed.keys()
     off = {
         name: (committed[name], count)

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a morph has done, in operations: the same on every machine, however busy it is.
+"""What a morph and a removal have done, in operations: the same on every machine, however busy it is.
 
     .venv/bin/python tests/bench/counting.py [--write]
 
-Prints the counts of a morph of two bones of our own making; ``--write`` makes them the committed ones in
-counts.json, which tests/test_counts.py holds the code to.
+Prints the counts of a morph of two bones of our own making, and of two balls pushed apart; ``--write``
+makes them the committed ones in counts.json and counts_overclosure.json, which tests/test_counts.py holds
+the code to.
 """
 
 from __future__ import annotations
@@ -23,10 +24,14 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT)]
 
 from femors_addon import cells, grnn, intersect, nearest, relax, shapes, triangles  # noqa: E402
+from femors_addon.bodies import Body  # noqa: E402
 from femors_addon.morph import morph  # noqa: E402
+from femors_addon.overclosure import remove_overclosure  # noqa: E402
 
 COMMITTED = Path(__file__).with_name("counts.json")
+COMMITTED_REMOVAL = Path(__file__).with_name("counts_overclosure.json")
 NODES = 6000
+DEEP = 0.5  # of two balls of radius 10 and 8, of 2562 nodes each
 
 Amount = Callable[..., int]
 
@@ -82,18 +87,29 @@ def of_a_morph(nodes: int = NODES) -> dict[str, int]:
     return dict(sorted(total.items()))
 
 
+def of_a_removal(deep: float = DEEP) -> dict[str, int]:
+    """Count what it takes to push two balls apart."""
+    one = shapes.sphere(4, radius=10.0)
+    apart = (18.0 - deep) / 3.0
+    two = shapes.sphere(4, radius=8.0, centre=(2.0 * apart, 2.0 * apart, apart))
+    with counting() as total:
+        remove_overclosure([Body("one", one), Body("two", two)])
+    return dict(sorted(total.items()))
+
+
 def main() -> int:
     """Print the counts beside the committed ones."""
-    parser = argparse.ArgumentParser(description="Count the operations of a morph")
+    parser = argparse.ArgumentParser(description="Count the operations of a morph and of a removal")
     parser.add_argument("--write", action="store_true", help="make them the committed ones")
     args = parser.parse_args()
-    found = of_a_morph()
-    if args.write:
-        COMMITTED.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    committed = json.loads(COMMITTED.read_text(encoding="utf-8")) if COMMITTED.exists() else {}
-    for label, count in found.items():
-        before = committed.get(label, 0)
-        print(f"{label:34}{count:14,}{(count / before - 1) if before else 0:+8.1%}")
+    for path, found in ((COMMITTED, of_a_morph()), (COMMITTED_REMOVAL, of_a_removal())):
+        if args.write:
+            path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        committed = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        print(path.name)
+        for label, count in found.items():
+            before = committed.get(label, 0)
+            print(f"{label:34}{count:14,}{(count / before - 1) if before else 0:+8.1%}")
     return 0
 
 
