@@ -172,19 +172,3 @@ def test_what_needs_too_much_memory_is_refused_before_it_starts(job, nodes, word
     assert not said
     limits.allow(1, 0)
     limits.require_memory(1e15, "anything")
-
-
-def test_threads_change_no_bit_of_a_removal():
-    bodies = [
-        Body("one", sphere(3, radius=10.0)),
-        Body("two", sphere(3, radius=8.0, centre=(14.0, 9.0, 4.0))),
-    ]
-    limits.allow(1, 0)
-    one = remove_overclosure(bodies)
-    limits.allow(3, 0)
-    three = remove_overclosure(bodies)
-    assert one.certified and not one.untouched
-    for before, after in zip(one.bodies, three.bodies, strict=True):
-        np.testing.assert_array_equal(before.nodes, after.nodes)
-    assert [f.as_dict() for f in one.before] == [f.as_dict() for f in three.before]
-    assert [f.as_dict() for f in one.after] == [f.as_dict() for f in three.after]
