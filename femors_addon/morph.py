@@ -93,9 +93,8 @@ def morph(
         clean(target.vertices, target.faces, "target"),
     )
     pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
-    levels = _levels(ours.surface, theirs.surface, settings, progress)
-    ours, theirs = along_space(ours), along_space(theirs)
-    work = _Work.begun(ours.surface, theirs.surface, levels, settings, pairs, progress)
+    work = _Work.begun(ours, theirs, settings, pairs, progress)
+    ours, theirs = work.ours, work.theirs
     weight = _clean_weights(weights, ours, len(source.vertices))
     # whatever may move at all is morphed as a whole, and takes its share of it in the end
     free = None if weight is None else (weight > 0).astype(float)
@@ -157,6 +156,8 @@ def _steered(result: MorphResult, pairs: Pairs, settings: MorphSettings) -> Stee
 class _Work:
     """What stays the same through all iterations."""
 
+    ours: Cleaned
+    theirs: Cleaned
     alignment: Alignment
     rest: Surface  # the source's own element shapes, mirrored where it was
     aligned: Surface
@@ -178,29 +179,32 @@ class _Work:
     @classmethod
     def begun(
         cls,
-        source: Surface,
-        target: Surface,
-        levels: tuple[list[Surface], list[Surface]],
+        ours: Cleaned,
+        theirs: Cleaned,
         settings: MorphSettings,
         pairs: Pairs | None,
         progress: Progress,
     ) -> _Work:
-        ours, theirs = levels
+        source, target = ours.surface, theirs.surface
+        levels, targets = _levels(source, target, settings, progress)
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
-        options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(ours, [*theirs, target])}
+        options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}
         options |= {"progress": part(progress, 0.05, 0.25)}
         if pairs is None:
             alignment = align(source, target, settings.alignment, **options)
         else:
             alignment, pairs = lead(source, target, settings.alignment, pairs, **options)
-        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*ours, source)]
-        rest = source
+        # only now: how the alignment samples a mesh must not depend on its pose
+        ours, theirs = along_space(ours), along_space(theirs)
+        rest, target = ours.surface, theirs.surface
+        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, rest)]
         if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
             moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
             rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
         weight = settings.landmark_weight if settings.steer else 0.0
         index, size = SurfaceIndex(target), target.diagonal
-        return cls(alignment, rest, moved[-1], index, moved, [*theirs, target], size, pairs, weight)
+        places = moved, [*targets, target]
+        return cls(ours, theirs, alignment, rest, moved[-1], index, *places, size, pairs, weight)
 
 
 def _levels(

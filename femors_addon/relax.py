@@ -122,9 +122,9 @@ class ShapeMatching:
         """
         one, two, three = self._corners
         columns = [np.ascontiguousarray(column) for column in positions.T]
-        start = [column[one] for column in columns]
-        side = [column[two] - here for column, here in zip(columns, start, strict=True)]
-        other = [column[three] - here for column, here in zip(columns, start, strict=True)]
+        start = [column.take(one) for column in columns]
+        side = [column.take(two) - here for column, here in zip(columns, start, strict=True)]
+        other = [column.take(three) - here for column, here in zip(columns, start, strict=True)]
         length, along = _normalised(side)
         foot = sum(x * u for x, u in zip(other, along, strict=True))
         height, across = _normalised([x - foot * u for x, u in zip(other, along, strict=True)])
