@@ -450,10 +450,10 @@ def _nesting(vertices: Float, faces: Int, component: Int, volume: Float) -> Int:
         probes.append(corners[np.linspace(0, len(corners) - 1, PROBES).astype(int)])
     for at, shell in enumerate(shells):
         inner = np.flatnonzero(((low > low[at]) & (high < high[at])).all(axis=1))
-        if len(inner):
-            winding = winding_number(shell, np.concatenate([probes[i] for i in inner]))
-            within = (np.abs(winding) > 0.9).reshape(-1, PROBES).all(axis=1)
-            depth[largest[inner[within]]] += 1
+        for probe in range(PROBES):  # the first tells most of those that are not inside
+            points = np.array([probes[i][probe] for i in inner]).reshape(-1, 3)
+            inner = inner[np.abs(winding_number(shell, points)) > 0.9]
+        depth[largest[inner]] += 1
     return depth
 
 
