@@ -62,7 +62,7 @@ class Surface:
         object.__setattr__(self, "vertices", frozen(self.vertices, np.float64, 3))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32, 3))
         if not np.isfinite(self.vertices).all():
-            bad = ~np.isfinite(self.vertices).all(axis=1)
+            bad = ~triples.every(np.isfinite(self.vertices))
             raise FemorsError(
                 f"{int(bad.sum())} of {len(bad)} vertices have coordinates that are not finite "
                 f"(first: vertex {int(np.argmax(bad))}); repair or delete them"
@@ -426,7 +426,7 @@ def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:
     corners = vertices[faces]
     count = np.bincount(component)
     centre = np.column_stack(
-        [np.bincount(component, corners[:, :, k].mean(axis=1)) / count for k in range(3)]
+        [np.bincount(component, triples.total(corners[:, :, k]) / 3.0) / count for k in range(3)]
     )
     a, b, c = np.moveaxis(corners - centre[component][:, None, :], 1, 0)
     return np.bincount(component, triples.dot(a, triples.cross(b, c))) / 6.0

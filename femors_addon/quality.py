@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from . import triples
 from .intersect import Piercings, crossings, piercings, self_intersections
 from .limits import Limits
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
-from .triples import unit
 
 __all__ = [
     "Comparison",
@@ -91,7 +91,7 @@ def aspect_ratio(surface: Surface) -> Float:
     """Longest side over shortest side of each face (m,), from 1 to `WORST_ASPECT`."""
     squared = _squared_sides(surface)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.sqrt(squared.max(axis=1) / squared.min(axis=1))
+        ratio = np.sqrt(triples.greatest(squared) / triples.least(squared))
     return np.where(ratio < WORST_ASPECT, ratio, WORST_ASPECT)  # also where it is NaN
 
 
@@ -119,9 +119,9 @@ def dihedral_angles(surface: Surface) -> Float:
     pairs, _ = surface.edge_faces
     one, two = surface.face_normals[pairs[:, 0]], surface.face_normals[pairs[:, 1]]
     # Kahan's form: exact for small angles, where the arc cosine loses half the digits
-    apart, along = np.linalg.norm(one - two, axis=1), np.linalg.norm(one + two, axis=1)
+    apart, along = triples.length(one - two), triples.length(one + two)
     angle = np.degrees(2.0 * np.arctan2(apart, along))
-    angle[~(one.any(axis=1) & two.any(axis=1))] = 0.0
+    angle[~(triples.some(one != 0) & triples.some(two != 0))] = 0.0
     return np.repeat(angle, 2)
 
 
@@ -155,8 +155,8 @@ def folded_faces(surface: Surface) -> Int:
 
 def _opposed(surface: Surface) -> np.ndarray:
     """True (m,) for the faces turned against their neighbourhood."""
-    around = surface.vertex_normals[surface.faces].sum(axis=1)
-    return np.einsum("ij,ij->i", surface.face_normals, unit(around)) < -1e-9
+    around = triples.total(surface.vertex_normals.take(surface.faces, axis=0))
+    return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around)) < -1e-9
 
 
 def _inverted(before: Surface, after: Surface) -> np.ndarray:
@@ -175,12 +175,12 @@ def _inverted(before: Surface, after: Surface) -> np.ndarray:
 
 def _volumes(surface: Surface, part: np.ndarray, parts: int) -> Float:
     """Signed volume of each closed component (parts,), 0 where it is rounding only."""
-    centre = surface.corners.mean(axis=1)
+    centre = triples.total(surface.corners) / 3.0
     faces = np.maximum(np.bincount(part, minlength=parts), 1)
     middle = np.column_stack([np.bincount(part, axis, minlength=parts) / faces for axis in centre.T])
     away = centre - middle[part]
     volume = np.bincount(part, np.einsum("ij,ij->i", away, surface.face_cross), minlength=parts) / 6.0
-    reach = np.bincount(part, np.linalg.norm(away, axis=1) * surface.face_areas, minlength=parts)
+    reach = np.bincount(part, triples.length(away) * surface.face_areas, minlength=parts)
     return np.where(np.abs(volume) > 1e-9 * reach, volume, 0.0)
 
 
@@ -276,7 +276,7 @@ def compare(
         aspect=Stat.of(aspect_ratio(morphed)),
         skewness=Stat.of(skewness(morphed)),
         dihedral=Stat.of(dihedral_angles(morphed)),
-        movement=Stat.of(np.linalg.norm(morphed.vertices - source.vertices, axis=1)),
+        movement=Stat.of(triples.length(morphed.vertices - source.vertices)),
         flipped=len(flipped_faces(source, morphed)),
         self_intersecting=self_intersecting,
     )

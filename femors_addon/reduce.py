@@ -13,7 +13,8 @@ from .progress import FemorsError
 
 STEP = 50_000
 """Faces taken away at a time: fast-simplification lets no other thread run meanwhile, and a window that
-waits for longer than this takes (60 ms) stutters."""
+waits for longer than this takes (60 ms) stutters. Of a very dense mesh it is a quarter: each time looks at
+all of the mesh, and takes long whatever is taken away."""
 
 _alone = threading.Lock()  # it keeps the mesh in variables of the whole process
 
@@ -36,7 +37,8 @@ def reduced(surface: Surface, nodes: int) -> Surface:
     points, triangles = (surface.vertices - centre) / scale, surface.faces.copy()
     with _alone:
         while len(triangles) > faces:
-            wanted, before = max(len(triangles) - STEP, faces), len(triangles)
+            before = len(triangles)
+            wanted = max(before - max(STEP, before // 4), faces)
             points, triangles = fast_simplification.simplify(points, triangles, target_count=wanted)
             if len(triangles) == before:
                 break  # nothing is left that could be taken away

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy import sparse
 
+from . import triples
 from .correspond import FACING, at_border, interpolated_normals
 from .features import FeatureLines
 from .grnn import DisplacementField
@@ -17,7 +18,6 @@ from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
 from .progress import Preview, Progress, unseen
-from .triples import cross, dot, unit
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
@@ -40,7 +40,7 @@ def averaging(surface: Surface) -> sparse.csr_matrix:
     large the faces around it are.
     """
     one, two = surface.edges.T
-    length = np.linalg.norm(surface.vertices[one] - surface.vertices[two], axis=1)
+    length = triples.length(surface.vertices[one] - surface.vertices[two])
     weight = 1.0 / np.maximum(length, 1e-6 * max(surface.mean_edge, 1e-300)) ** 2
     n = len(surface.vertices)
     half = sparse.csr_matrix((weight, (one, two)), shape=(n, n))
@@ -161,8 +161,8 @@ def _slimness(surface: Surface) -> Float:
 
 def _facing(surface: Surface) -> Float:
     """Cosine (m,) between a face's normal and the mean of the normals at its corners."""
-    around = surface.vertex_normals[surface.faces].sum(axis=1)
-    return np.einsum("ij,ij->i", surface.face_normals, unit(around))
+    around = triples.total(surface.vertex_normals.take(surface.faces, axis=0))
+    return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around))
 
 
 def settle(
@@ -236,7 +236,7 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
 
     def cosine(faces: Int | slice, share: Float) -> Float:
         a, b, c = ((start + share * step).take(corner, axis=0) for corner in reference.faces[faces].T)
-        return dot(upright[faces], unit(cross(b - a, c - a)))
+        return triples.dot(upright[faces], triples.unit(triples.cross(b - a, c - a)))
 
     share = np.ones((len(step), 1))
     faces: Int = np.flatnonzero(cosine(slice(None), share) < TURN).astype(np.int32)
@@ -248,7 +248,7 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
             break
         share[reference.faces[faces[turned]].ravel()] *= factor
         # only where a node's step was shortened has anything changed
-        faces = np.flatnonzero((share[:, 0] < 1.0)[reference.faces].any(axis=1)).astype(np.int32)
+        faces = np.flatnonzero(triples.some((share[:, 0] < 1.0).take(reference.faces))).astype(np.int32)
     return share * step
 
 
@@ -268,7 +268,7 @@ def _to_target(
         kept &= found.distance < 2.0 * max(moved.mean_edge, target.mean_edge)
     away = found.point - moved.vertices
     if not fresh:
-        normals = unit(normals)
+        normals = triples.unit(normals)
         away = np.einsum("ij,ij->i", away, normals)[:, None] * normals
     step = np.where(kept[:, None], away, 0.0)
     if settings.partial != "target" and kept.any() and not kept.all():

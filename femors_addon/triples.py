@@ -58,6 +58,11 @@ def unit(vectors: Float) -> Float:
     return np.asarray(vectors / size[:, None])
 
 
+def total(values: NDArray) -> NDArray:
+    """Return the sum (n, ...) of three: of values (n, 3, ...)."""
+    return np.asarray(values[:, 0] + values[:, 1] + values[:, 2])
+
+
 def squared(vectors: Float) -> Float:
     """Return the squared lengths (n,) of rows (n, 3)."""
     x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
