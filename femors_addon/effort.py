@@ -55,10 +55,17 @@ class Effort:
         What single precision may take of the gap.
     stride : float
         No step goes farther: other bodies stand beside this pair, and have to be able to follow.
+    stuck : bool
+        The loop has failed on this pair: part it first.
     """
 
     def __init__(
-        self, pair: Pair, settings: OverclosureSettings, margin: float, stride: float = np.inf
+        self,
+        pair: Pair,
+        settings: OverclosureSettings,
+        margin: float,
+        stride: float = np.inf,
+        stuck: bool = False,
     ) -> None:
         self.pair, self._settings, self._stride = pair, settings, stride
         self.target = pair.gap + margin
@@ -70,7 +77,7 @@ class Effort:
         self._steps, self._clear_at = 0, (-1, -1)
         self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
         pair.look(self._reach)
-        self.through = settings.continuation and self._begin_parting()
+        self.through = settings.continuation and self._begin_parting(stuck)
 
     @property
     def _reach(self) -> float:
@@ -81,8 +88,8 @@ class Effort:
         """Whether nothing is left to do, as far as is known."""
         return self.phase != PARTING and self.worst <= 0 and not self.pierced
 
-    def _begin_parting(self) -> bool:
-        apart = way_apart(self.pair)
+    def _begin_parting(self, stuck: bool) -> bool:
+        apart = way_apart(self.pair, stuck)
         if apart is None:
             return False
         self._whole = float(np.linalg.norm(apart))

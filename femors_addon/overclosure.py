@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -127,8 +127,21 @@ def remove_overclosure(
     stop, after = "", before
     if any(not finding.clear for finding in before):
         stop, after = _removed(
-            efforts, solids, asked, before, settings, history, part(progress, 0.1, 0.97), preview
+            efforts, solids, asked, before, settings, history, part(progress, 0.1, 0.95), preview
         )
+        if settings.method == "grnn" and not _clear(after, efforts):
+            stop, after = _parted(
+                efforts,
+                solids,
+                asked,
+                before,
+                after,
+                settings,
+                history,
+                part(progress, 0.95, 0.97),
+                preview,
+                stop,
+            )
     solved = time.process_time()
     result = result_of(solids, before, after, efforts, settings, tuple(history), stop)
     progress(1.0, "done")
@@ -167,10 +180,12 @@ def _efforts(
     before: Sequence[Finding],
     bounds: Bounds,
     settings: OverclosureSettings,
+    stuck: Container[tuple[str, str]] = (),
 ) -> list[Effort]:
     """Return an effort for each pair that may have to be moved, in the order of the bodies.
 
-    Pairs that are clear now are kept in sight, for others may push them together.
+    Pairs that are clear now are kept in sight, for others may push them together. Those that are `stuck` are
+    parted first.
     """
     if settings.method != "grnn":
         settings = dataclasses.replace(settings, continuation=False)
@@ -186,7 +201,8 @@ def _efforts(
         pair = Pair(one, two, gap)
         for side in pair.sides:
             side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
-        efforts.append(Effort(pair, settings, margin, _stride((i, j), solids, asked, deepest)))
+        stride = _stride((i, j), solids, asked, deepest)
+        efforts.append(Effort(pair, settings, margin, stride, pair.names in stuck))
     return efforts
 
 
@@ -213,8 +229,7 @@ def _removed(
         for effort in efforts:
             effort.pair.rest()
         after = find(solids, asked, _band(solids, settings), part(progress, 0.9, 1.0))
-        tried = {effort.pair.names for effort in efforts}
-        if stop or all(finding.clear for finding in after if finding.names in tried):
+        if stop or _clear(after, efforts):
             break
         for effort in efforts:
             effort.pair.forget()
@@ -223,6 +238,43 @@ def _removed(
             solid.put(solid.rest)
         return stop, list(before)
     return stop, after
+
+
+def _parted(
+    efforts: list[Effort],
+    solids: Sequence[Solid],
+    asked: Mapping[tuple[int, int], float],
+    before: Sequence[Finding],
+    after: list[Finding],
+    settings: OverclosureSettings,
+    history: list[Step],
+    progress: Progress,
+    preview: Preview | None,
+    stop: str,
+) -> tuple[str, list[Finding]]:
+    """Begin anew with the pairs that are stuck held apart; where that ends no better, leave all as it was."""
+    through = {effort.pair.names for effort in efforts if effort.through}
+    stuck = {finding.names for finding in after if not finding.clear} - through
+    here = [(solid.points, solid.held) for solid in solids]
+    for solid in solids:
+        solid.put(solid.rest)
+        solid.held = set()
+    again = _efforts(solids, asked, before, {}, settings, stuck)
+    if any(effort.through and effort.pair.names in stuck for effort in again):
+        failed, found = _removed(again, solids, asked, before, settings, history, progress, preview)
+        if not failed and _clear(found, again):
+            efforts[:] = again
+            return failed, found
+    for solid, (points, held) in zip(solids, here, strict=True):
+        solid.put(points)
+        solid.held = held
+    return stop, after
+
+
+def _clear(found: Sequence[Finding], efforts: Sequence[Effort]) -> bool:
+    """Whether all pairs are clear that something could be done about."""
+    tried = {effort.pair.names for effort in efforts}
+    return all(finding.clear for finding in found if finding.names in tried)
 
 
 def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:

@@ -26,18 +26,21 @@ def thickness(surface: Surface) -> float:
     return 2.0 * abs(surface.volume) / area if area > 0 else 0.0
 
 
-def way_apart(pair: Pair) -> Float | None:
+def way_apart(pair: Pair, stuck: bool = False) -> Float | None:
     """Return the shift (3,) of the first body that parts a pair, or None where none is called for.
 
-    The pair must have been looked at.
+    The pair must have been looked at. One that is `stuck`, for the loop has failed, is parted also where
+    few nodes leave by the wrong side.
     """
     one, two = pair.one.surface, pair.two.surface
     inside = [side.found.gaps < 0 for side in pair.sides]
     count = sum(int(rows.sum()) for rows in inside)
     wrong = sum(int((rows & side.wrong).sum()) for rows, side in zip(inside, pair.sides, strict=True))
-    if wrong <= WRONG * count:
+    if wrong <= WRONG * count and not stuck:
         return None
     points = np.concatenate((piercings(one, two).points(one), piercings(two, one).points(two)))
+    if len(points) < 3 and stuck:  # they only touch, as bodies in line do: what is too near, then
+        points = np.concatenate([side.body.vertices[side.found.gaps <= pair.gap] for side in pair.sides])
     if len(points) < 3:
         return None
     plate = [thickness(one), thickness(two)]
@@ -47,7 +50,8 @@ def way_apart(pair: Pair) -> Float | None:
     size = 1.5 * max(one.mean_edge, two.mean_edge)
     best = min((_apart(near[0], near[1], way, size), tuple(way)) for way in _candidates(points, one, two))
     distance, way = best[0], np.array(best[1])
-    if not THICK * max(plate) < distance < FAR * min(plate):
+    least = 0.0 if stuck else THICK * max(plate)
+    if not least < distance < FAR * min(plate):
         return None
     return distance * way
 

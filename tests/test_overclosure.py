@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from solids import box, crosses, gaps, hexes, moved, sphere
 
+from femors_addon import shapes
 from femors_addon.bodies import Body
 from femors_addon.intersect import crossings
 from femors_addon.mesh import Surface
@@ -476,3 +477,12 @@ def test_after_a_wide_gap_the_pair_is_still_listed():
     assert result.certified
     assert len(result.after) == 1
     assert "the smallest gap is 2.0" in result.certificate
+
+
+@pytest.mark.parametrize("cells", [2, 3, 4])
+def test_coarse_cubes_in_line_are_freed_although_their_sides_lie_in_one_plane(cells):
+    """Nothing crosses at first, for sides in one plane only touch: the loop alone ends with crossings."""
+    one, two = shapes.box(cells=cells), shapes.box(cells=cells, low=(0.6, 0.0, 0.0))
+    result = remove_overclosure([Body("one", one), Body("two", two)])
+    assert result.certified, result.certificate
+    assert result.bodies[0].xor < 0.35

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 GAP = 0.01
-DENSE = {"50k nodes a body": (2, 1, 6), "200k nodes a body": (3, 2, 30)}
+DENSE = {"50k nodes a body": (2, 1, 6), "200k nodes a body": (3, 2, 15)}
 """Rows of patella and femur, 1 mm in: how often each is divided in four, and the CPU seconds allowed."""
 
 
