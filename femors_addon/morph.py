@@ -25,6 +25,7 @@ from .correspond import Target, Vectors, by_nearest, by_surface, shortened, wide
 from .grnn import DisplacementField
 from .limits import require_memory
 from .locality import along_space
+from .mend import mended
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
 from .morph_settings import PRESETS, MorphSettings
@@ -111,6 +112,7 @@ def morph(
         part(progress, 0.7, 0.88),
         watch.dense,
     )
+    displacement, left = mended(work.rest, work.aligned, displacement, work.index, free, left)
     if weight is not None:
         displacement, left = unfolded(
             work.aligned, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free

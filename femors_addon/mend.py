@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faces that stay folded or crossing when the displacement is smoothed: their nodes are spread out anew.
+
+Where source and target differ in shape, thin plates and slender faces above all, no smooth displacement of
+the source's own patch may lie flat on the target. The patch around such a face is then laid out as Tutte
+(1963) embeds a graph: each node at the mean of its neighbours, all weighing alike, which folds no face
+of a flat patch; and is laid back onto the target.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from .correspond import FACING, interpolated_normals
+from .intersect import self_intersections
+from .mesh import Float, Int, Surface
+from .nearest import SurfaceIndex
+from .quality import aspect_ratio, flipped_faces
+from .relax import folded
+
+PATCHES = (1, 2, 3, 4, 6)  # edges around a bad face, one attempt after the other
+ROUNDS = 8  # of averaging, per edge of the patch's width
+SLENDER, GROWTH = 10.0, 3.0  # aspect ratio, and times that of the source, beyond which a face is squeezed
+SQUEEZED = 0.1  # what a squeezed face counts beside one that is folded or crosses others
+LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away,
+FARTHEST = 1.5  # mean edges: and its nodes may go so far
+CLOSE = 0.5  # mean edges: so near the target a node is laid on it whichever way it faces
+
+
+def mended(
+    rest: Surface,
+    aligned: Surface,
+    displacement: Float,
+    target: SurfaceIndex,
+    free: Float | None,
+    left: int = 0,
+) -> tuple[Float, int]:
+    """Spread out the nodes around faces that fold over or cross others or are squeezed, where it helps.
+
+    Parameters
+    ----------
+    rest, aligned : Surface
+        The source as it was, which tells what was folded before, and as the displacement starts from.
+    displacement : (n, 3) float64
+        The state to be mended.
+    target : SurfaceIndex
+        What the nodes are laid onto.
+    free : (n,) float64 or None
+        0 for the nodes that stay, as those of an open border do.
+    left : int
+        Faces that are known to be folded or to cross others; without any, crossings are not looked for
+        before something is changed.
+
+    Returns
+    -------
+    displacement : (n, 3) float64
+        Unchanged but in the patches that have fewer bad faces so.
+    left : int
+        Faces folded or crossing in it.
+    """
+    positions = aligned.vertices + displacement
+    moved = aligned.moved(positions)
+    if not left and not len(flipped_faces(rest, moved)) and not _squeezed(rest, moved).any():
+        return displacement, 0
+    fixed = aligned.border if free is None else aligned.border | (free <= 0)
+    work = _Patches(rest, aligned, target, np.unique(self_intersections(aligned)), ~fixed)
+    near, bad = work.mend(positions, PATCHES, CLOSE)
+    if (bad >= 1.0).any():
+        loose, after = work.mend(positions, PATCHES, 0.0)
+        if (after >= 1.0).sum() < (bad >= 1.0).sum():
+            near, bad = loose, after
+    changed = (near != positions).any(axis=1)[:, None]  # rounding must not move the others
+    return np.where(changed, near - aligned.vertices, displacement), int((bad >= 1.0).sum())
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Patches:
+    """What stays the same through all attempts."""
+
+    rest: Surface
+    aligned: Surface
+    target: SurfaceIndex
+    crossing: Int  # faces that cross others from the first
+    may: np.ndarray  # (n,) nodes that may move
+
+    def mend(self, positions: Float, widths: tuple[int, ...], close: float) -> tuple[Float, Float]:
+        """Try one width after the other; return positions (n, 3) and how bad each face is there (m,)."""
+        bad = self._badness(positions)
+        for rings in widths:
+            # beyond the target's reach a squeezed face is none of our business
+            at = np.flatnonzero(bad if close else bad >= 1.0)
+            if not len(at):
+                break
+            inside = _patch(self.aligned, at, rings) & self.may
+            trial = _spread_out(self.aligned, positions, np.flatnonzero(inside), self.target, rings, close)
+            after = self._badness(trial)
+            better = _better(self.aligned, inside, bad, after)
+            better &= self._small(inside, np.linalg.norm(trial - positions, axis=1))
+            trial[~better] = positions[~better]
+            if not better.all():
+                after = self._badness(trial)
+            if after.sum() < bad.sum():
+                positions, bad = trial, after
+        return positions, bad
+
+    def _small(self, inside: np.ndarray, movement: Float) -> np.ndarray:
+        """False (n,) for the nodes of patches that are a good part of the mesh, or move far."""
+        patch, count = _hanging(self.aligned, inside)
+        size = np.bincount(patch, minlength=count + 1)
+        far = np.zeros(count + 1)
+        np.maximum.at(far, patch, movement)
+        small = (size <= LARGEST * len(inside)) & (far <= FARTHEST * self.aligned.mean_edge)
+        small[count] = True
+        return np.asarray(small[patch])
+
+    def _badness(self, positions: Float) -> Float:
+        """1 (m,) for the faces folded over or crossing others, though neither in `rest` nor `aligned`;
+        `SQUEEZED` for those squeezed, and 0 for the others."""
+        moved = self.aligned.moved(positions)
+        out = SQUEEZED * _squeezed(self.rest, moved)
+        out[folded(self.aligned, moved)] = 1.0
+        out[flipped_faces(self.rest, moved)] = 1.0
+        out[np.setdiff1d(np.unique(self_intersections(moved)), self.crossing)] = 1.0
+        return out
+
+
+def _squeezed(rest: Surface, moved: Surface) -> np.ndarray:
+    """True (m,) for the faces far more slender than they were."""
+    return aspect_ratio(moved) > np.maximum(SLENDER, GROWTH * aspect_ratio(rest))
+
+
+def _patch(surface: Surface, faces: Int, rings: int) -> np.ndarray:
+    """True (n,) for the nodes within `rings` edges of the faces, their own corners being the first."""
+    inside = np.zeros(len(surface.vertices), dtype=bool)
+    inside[surface.faces[faces].ravel()] = True
+    for _ in range(rings - 1):
+        inside |= surface.adjacency @ inside.astype(float) > 0
+    return inside
+
+
+def _spread_out(
+    aligned: Surface, positions: Float, nodes: Int, target: SurfaceIndex, rings: int, close: float
+) -> Float:
+    """Move the nodes towards the mean of their neighbours, all weighing alike, and onto the target.
+
+    Those that lie within `close` mean edges of it are laid on it again and again, whichever way they
+    face; without, only those that face as the target does, and once, at the end.
+    """
+    rows = aligned.adjacency[nodes]
+    rows = sparse.diags(1.0 / np.maximum(np.asarray(rows.sum(axis=1)).ravel(), 1.0)) @ rows
+    out = positions.copy()
+    for number in range(1, rings + 1):
+        for _ in range(ROUNDS):
+            out[nodes] = 0.5 * (out[nodes] + rows @ out)
+        if close or number == rings:
+            moved = aligned.moved(out)
+            found = target.closest(out[nodes])
+            normals = interpolated_normals(target.surface, found.face, found.barycentric)
+            kept = np.einsum("ij,ij->i", moved.vertex_normals[nodes], normals) > FACING
+            kept |= found.distance < close * moved.mean_edge
+            out[nodes[kept]] = found.point[kept]
+    return out
+
+
+def _hanging(surface: Surface, inside: np.ndarray) -> tuple[Int, int]:
+    """Number (n,) of the patch that each node is in, and how many there are; the last stands for none."""
+    nodes = np.flatnonzero(inside)
+    count, label = csgraph.connected_components(surface.adjacency[nodes][:, nodes], directed=False)
+    patch = np.full(len(inside), count, dtype=np.int32)
+    patch[nodes] = label
+    return patch, int(count)
+
+
+def _better(surface: Surface, inside: np.ndarray, before: Float, after: Float) -> np.ndarray:
+    """True (n,) for the nodes of patches, each hanging together, that are less bad than before."""
+    patch, count = _hanging(surface, inside)
+
+    def tally(badness: Float) -> Float:
+        counted = np.bincount(patch[surface.faces].ravel(), np.repeat(badness, 3), count + 1)
+        return np.asarray(counted, dtype=float)
+
+    fewer = tally(after) < tally(before) - 1e-9
+    fewer[count] = True
+    return np.asarray(fewer[patch])

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Folded, crossing and squeezed faces: their nodes are spread out anew, on the target, and no others."""
+
+import numpy as np
+import pytest
+
+from femors_addon import morph as morphing
+from femors_addon.intersect import self_intersections
+from femors_addon.mend import mended
+from femors_addon.mesh import Surface
+from femors_addon.nearest import SurfaceIndex
+from femors_addon.quality import aspect_ratio, flipped_faces
+from femors_addon.shapes import sphere
+
+
+@pytest.fixture
+def ball():
+    return sphere(3)
+
+
+def _pulled(ball, share=1.9):
+    """A displacement that pulls one node over the far side of a neighbour, along the sphere."""
+    node = 200
+    other = ball.adjacency[node].indices[0]
+    displacement = np.zeros_like(ball.vertices)
+    displacement[node] = share * (ball.vertices[other] - ball.vertices[node])
+    return node, displacement
+
+
+def test_nothing_is_done_where_nothing_is_bad(ball):
+    displacement = 0.1 * ball.vertices
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None)
+    assert after is displacement and left == 0
+
+
+def test_a_folded_face_is_laid_out_on_the_target(ball):
+    node, displacement = _pulled(ball)
+    assert len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None)
+    moved = ball.moved(ball.vertices + after)
+    assert left == 0
+    assert not len(flipped_faces(ball, moved)) and not len(self_intersections(moved))
+    touched = np.flatnonzero(np.abs(after - displacement).max(axis=1) > 0)
+    away = np.linalg.norm(ball.vertices[touched] - ball.vertices[node], axis=1)
+    assert len(touched) and away.max() < 6 * ball.mean_edge
+    assert SurfaceIndex(ball).closest(moved.vertices[touched]).distance.max() < 1e-9
+
+
+def test_a_squeezed_face_gets_its_room_back(ball):
+    _, displacement = _pulled(ball, 0.98)
+    assert not len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None)
+    assert left == 0
+    assert aspect_ratio(ball.moved(ball.vertices + displacement)).max() > 20
+    assert aspect_ratio(ball.moved(ball.vertices + after)).max() < 10
+
+
+def test_nodes_that_may_not_move_stay(ball):
+    node, displacement = _pulled(ball, 1.3)
+    free = np.zeros(len(ball.vertices))
+    free[node] = 1.0
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), free)
+    assert left == 0
+    assert set(np.flatnonzero(np.abs(after - displacement).max(axis=1) > 0)) == {node}
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), np.zeros(len(ball.vertices)), 1)
+    np.testing.assert_array_equal(after, displacement)
+    assert left > 0  # and it is said that they are bad
+
+
+def blade(halvings, thickness, turn, bend):
+    """A thin plate with a lobed outline, bent, with a ridge on one side, as a shoulder blade has."""
+    ball = sphere(halvings)
+    x, y, z = ball.vertices.T
+    lobes = 1 + 0.25 * np.cos(3 * np.arctan2(y, x) + turn) * (1 - z**2)
+    x, y, z = x * lobes, 0.7 * y * lobes, thickness * z
+    z = z + bend * x**2 + 0.3 * bend * np.sin(3 * y)
+    ridge = (z > bend * x**2) & (np.abs(y) < 0.5)
+    return Surface(np.column_stack((x, y, z + 0.2 * np.exp(-((x - 0.3) ** 2) / 0.02) * ridge)), ball.faces)
+
+
+def test_thin_plates_of_other_shape_fold_far_less(monkeypatch):
+    source, target = blade(3, 0.03, 3.0, 0.5), blade(3, 0.045, 1.0, -0.3)
+
+    def bad():
+        after = morphing.morph(source, target).after
+        return after.flipped + after.self_intersecting
+
+    with_it = bad()
+    monkeypatch.setattr(morphing, "mended", lambda rest, aligned, displacement, *_: (displacement, 1))
+    without = bad()
+    assert with_it < 0.25 * without, (with_it, without)
