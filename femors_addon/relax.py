@@ -26,6 +26,7 @@ FLOOR = 0.02  # weight of a face without distortion, where one that is badly dis
 PATCHES = (1, 1, 2, 2, 3, 3, 4)  # edges around a bad face, one attempt after the other
 FLAT = 1e-3  # height by longest side: a face below it is pressed flat
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
+PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
 
@@ -231,12 +232,17 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     smooth = displacement
     for _ in range(SMOOTH):
         smooth = mean @ smooth
-    upright = reference.moved(reference.vertices + smooth).face_normals
+    taken_along = reference.moved(reference.vertices + smooth)
+    upright, flat = taken_along.face_normals, PRESSED * 2.0 * taken_along.face_areas
     start = reference.vertices + displacement
 
     def cosine(faces: Int | slice, share: Float) -> Float:
         a, b, c = ((start + share * step).take(corner, axis=0) for corner in reference.faces[faces].T)
-        return triples.dot(upright[faces], triples.unit(triples.cross(b - a, c - a)))
+        normal = triples.cross(b - a, c - a)
+        # a face pressed onto a line points nowhere, and neither up nor down by its rounding
+        size = triples.length(normal) + flat[faces]
+        up = triples.dot(upright[faces], normal)
+        return np.divide(up, size, out=np.zeros_like(up), where=size > 0)
 
     share = np.ones((len(step), 1))
     faces: Int = np.flatnonzero(cosine(slice(None), share) < TURN).astype(np.int32)
