@@ -7,13 +7,10 @@ No ``from __future__ import annotations`` here: Blender reads annotations as pro
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
 from . import deck_scene, deck_store, dependencies, heat_form
-
-Array = NDArray[Any]
+from .lazy import Array, np
 
 COLOURS = "femors_heat"
 """Name of the colour attribute, and of the note on a mesh that says what it shows."""

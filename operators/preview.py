@@ -8,10 +8,8 @@ import time
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from .lazy import Array, np
 
 PAUSE = 0.2
 """Seconds between two pictures, at least; a slow display gets fewer (see `SHARE`)."""

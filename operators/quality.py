@@ -8,11 +8,11 @@ import json
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
 
 from ..femors_addon.progress import FemorsError
 from . import deck_scene, deck_store, dependencies, heat, scene
 from .job import Compute, JobOperator
+from .lazy import Array, np
 
 BAD = "femors_bad"
 """Face attribute: whether the face has a fault."""
@@ -201,7 +201,7 @@ class FEMORS_OT_select_bad_faces(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _select(mesh: bpy.types.Mesh, name: str, domain: str, chosen: np.ndarray) -> None:
+def _select(mesh: bpy.types.Mesh, name: str, domain: str, chosen: Array) -> None:
     """Write a selection as the attribute that it is; edges follow the faces in Edit Mode.
 
     Setting the edges' own ``select`` crashes Blender 5.0.1.

@@ -5,16 +5,12 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from typing import Any
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
 from . import marks
-
-Array = NDArray[Any]
+from .lazy import Array, np
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
