@@ -61,8 +61,9 @@ def install(blender: str, package: Path, environment: dict[str, str], log: IO[st
         raise SystemExit(f"{package} was not installed: see the log")
 
 
-def run(out: Path, package: Path | None, site: str, blender: str, limit: float, steps: str) -> int:
+def run(options: argparse.Namespace) -> int:
     """Run the story; return 0 when it held to its end and Blender quit by itself."""
+    out, package, blender, limit = options.out, options.zip, options.blender, options.limit
     out.mkdir(parents=True, exist_ok=True)
     for old in (*out.glob("*.png"), out / "result.json"):
         old.unlink(missing_ok=True)
@@ -76,9 +77,10 @@ def run(out: Path, package: Path | None, site: str, blender: str, limit: float, 
             "DISPLAY": display,
             "BLENDER_USER_RESOURCES": resources,
             "TMPDIR": resources,  # where Blender writes its quit.blend
-            "FEMORS_SITE": site,
+            "FEMORS_SITE": options.site,
             "FEMORS_WINDOW_OUT": str(out.resolve()),
-            "FEMORS_WINDOW_STEPS": steps,
+            "FEMORS_WINDOW_STEPS": options.steps,
+            "FEMORS_WINDOW_WITHOUT": options.without,
             "PYTHONDONTWRITEBYTECODE": "1",
         }
         command = [blender, "--factory-startup"]
@@ -121,13 +123,14 @@ def main() -> int:
     parser.add_argument("--blender", default="blender")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds for the whole run")
     parser.add_argument("--steps", default="", help="only these steps, with commas; all where left out")
+    parser.add_argument("--without", default="", help="all but these steps, with commas")
     options = parser.parse_args()
     missing = [name for name in (options.blender, "Xvfb", "xdotool", "scrot") if shutil.which(name) is None]
     if missing:
         print(f"skipped: there is no {', no '.join(missing)}")
         return SKIPPED
     start = time.monotonic()
-    code = run(options.out, options.zip, options.site, options.blender, options.limit, options.steps)
+    code = run(options)
     print(f"{time.monotonic() - start:.0f} s")
     return code
 
