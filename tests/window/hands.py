@@ -49,9 +49,11 @@ def check(truth: object, message: str) -> None:
 
 
 def wait(what: str, condition: Callable[[], object], limit: float = LIMIT) -> Steps:
-    """Let Blender run until the condition holds."""
-    start = time.monotonic()
+    """Let Blender run until the condition holds, or an error is reported."""
+    start, told = time.monotonic(), len(seen["reports"])
     while not condition():
+        errors = [line for line in seen["reports"][told:] if line.startswith("ERROR")]
+        check(not errors, f"{what} did not come: {errors}")
         check(time.monotonic() - start < limit, f"waited {limit:.0f} s in vain: {what}")
         yield
 
@@ -262,11 +264,7 @@ def only(*names: str, advanced: bool = False) -> Steps:
     A script cannot unfold a panel, and Blender remembers those that it has seen: others with new names
     stand in.
     """
-    for cls in reversed(Panels.standing):
-        bpy.utils.unregister_class(cls)
-    for cls in Panels.own:
-        bpy.utils.register_class(cls)
-    Panels.own, Panels.standing = [], []
+    put_back()
     if names:
         Panels.round += 1
         Panels.own = list(module("ui").CLASSES)
@@ -287,3 +285,12 @@ def only(*names: str, advanced: bool = False) -> Steps:
                 bpy.utils.register_class(stand)
                 Panels.standing.append(stand)
     yield from show_panel()
+
+
+def put_back() -> None:
+    """Give the extension its own panels back: it takes them out itself as it ends."""
+    for cls in reversed(Panels.standing):
+        bpy.utils.unregister_class(cls)
+    for cls in Panels.own:
+        bpy.utils.register_class(cls)
+    Panels.own, Panels.standing = [], []

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import hands
 from hands import (
@@ -17,7 +15,6 @@ from hands import (
     module,
     only,
     quiet,
-    seen,
     select,
     shot,
     show_panel,
@@ -67,33 +64,29 @@ def heat() -> Steps:
 
 
 def transfer() -> Steps:
-    """Carry landmarks, then an object, by the field of the morph."""
+    """Carry landmarks and a region, then an object, by the field of the morph."""
     femur, scan = bpy.data.objects["Femur"], bpy.data.objects["Scan"]
     scan.hide_set(False)
     bpy.data.objects[RESULT].hide_set(True)
-    path, vertices = Path(bpy.app.tempdir) / "landmarks.csv", femur.data.vertices
-    places = [vertices[i * (len(vertices) - 1) // 7].co for i in range(8)]
-    names = ("Head", "Neck", "Greater trochanter", "Lesser trochanter", "Shaft", "Medial epicondyle")
-    names += ("Lateral epicondyle", "Notch")
-    rows = [f"{n},{p.x},{p.y},{p.z}" for n, p in zip(names, places, strict=True)]
-    path.write_text("\n".join(["name,x,y,z", *rows]) + "\n")
-    done = call(bpy.ops.femors.import_landmarks, filepath=str(path), object="Femur", collection="Landmarks")
-    check(done == {"FINISHED"}, "the landmarks were not read")
+    count, names = len(femur.data.vertices), ("Head", "Neck", "Greater trochanter", "Shaft", "Notch")
+    for number, name in enumerate(names):
+        femur.vertex_groups.new(name=name).add([number * (count - 1) // len(names)], 1.0, "REPLACE")
+    femur.vertex_groups.new(name="Cut").add(list(range(count // 3)), 1.0, "REPLACE")
     form = bpy.context.scene.femors_transfer
     form.what, form.use_empties = "GROUPS", True
     yield from only("transfer")
     yield from shot("30_transfer")
     yield from click()
     yield from wait("the landmarks", lambda: quiet() and len(form.marks) == len(names))
-    check(set(names) <= set(scan.vertex_groups.keys()), f"groups on the target: {scan.vertex_groups.keys()}")
-    form.sort = "DISTANCE" if seen["bones"] == "made up" else "RESIDUAL"
+    check({*names, "Cut"} <= set(scan.vertex_groups.keys()), f"groups: {scan.vertex_groups.keys()}")
+    form.sort = "stretch"
     yield from shot("31_landmarks")
     ball = _ball(femur)
     form.what = "OBJECTS"
     select(ball.name)
-    count = len(bpy.data.objects)
+    before = len(bpy.data.objects)
     yield from click()
-    yield from wait("the carried object", lambda: quiet() and len(bpy.data.objects) == count + 1)
+    yield from wait("the carried object", lambda: quiet() and len(bpy.data.objects) == before + 1)
     yield from shot("32_carried")
 
 

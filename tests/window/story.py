@@ -82,7 +82,7 @@ def shapes() -> Steps:
     yield from show_panel()
     yield from shot("01_panel")
     region = view()["region"]  # what the disabled button says, for the eye only
-    place = bpy.context.window_manager.windows[0].height - region.y - region.height + 278
+    place = bpy.context.window_manager.windows[0].height - region.y - region.height + 312
     x = region.x + region.width // 2 - 10
     for shift in (0, 3):
         xdotool("mousemove", str(x + shift), str(place + shift))
@@ -240,6 +240,7 @@ def tick() -> float | None:
     except Exception as error:
         traceback.print_exc()
         hands.subprocess.run(["scrot", "--overwrite", str(OUT / "failed.png")], check=False)
+        hands.put_back()
         seen["error"] = f"{type(error).__name__}: {error}"
     (OUT / "result.json").write_text(json.dumps(seen, indent=1))
     bpy.ops.wm.quit_blender()
