@@ -126,7 +126,8 @@ def _draw_against(
         draw_sentence(box, context, f"No XOR volume: {beside['no_overlap']}", "INFO")
         return
     error = f" ± {number(factor**3 * both['xor_uncertainty'])}"
-    _line(box, "XOR volume", (number(factor**3 * both["xor"]) + error,))
+    plain = unit == "scene units"
+    _line(box, "XOR volume" if plain else f"XOR volume ({unit}³)", (number(factor**3 * both["xor"]) + error,))
     _line(box, "Dice coefficient", (f"{both['dice']:.4f}",))
 
 

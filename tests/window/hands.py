@@ -179,8 +179,8 @@ def large_buttons() -> list[int]:
     return [top + (low + high) // 2 for low, high in runs if high - low >= LARGE]
 
 
-def click(number: int = 0, where: float = 0.5) -> Steps:
-    """Press one of the sidebar's large buttons with the mouse.
+def click(number: int = 0, where: float = 0.5, until: Callable[[], object] | None = None) -> Steps:
+    """Press one of the sidebar's large buttons with the mouse; a second time where nothing comes of it.
 
     Parameters
     ----------
@@ -188,17 +188,30 @@ def click(number: int = 0, where: float = 0.5) -> Steps:
         Which of them, from the top, those that are disabled not counted.
     where : float
         How far to the right, of the sidebar's width: of two buttons in a row.
+    until : callable, optional
+        Whether the press has had its effect; that a job runs, or has reported, where left out.
     """
-    yield from redrawn()
-    places, region = large_buttons(), view()["region"]
-    check(len(places) > number, f"{len(places)} large buttons are shown, no. {number + 1} was to be pressed")
-    x = region.x + int(where * (region.width - 30))
-    for shift in (0, 2):  # a button has to notice the mouse before it is pressed
-        xdotool("mousemove", str(x + shift), str(places[number]))
-        yield from pause(0.15)
-    xdotool("click", "1")
-    yield from pause(0.15)
-    xdotool("mousemove", *REST)
+    told = len(seen["reports"])
+    until = until or (lambda: job() is not None or len(seen["reports"]) > told)
+    for attempt in range(2):
+        yield from redrawn()
+        places, region = large_buttons(), view()["region"]
+        check(len(places) > number, f"{len(places)} large buttons are shown: which is no. {number + 1}?")
+        x, before, begin = region.x + int(where * (region.width - 30)), Drawn.count["UI"], time.monotonic()
+        for shift in (0, 2):  # a button has to notice the mouse before it is pressed, and lights up
+            xdotool("mousemove", str(x + shift), str(places[number]))
+            yield from pause(0.1)
+        while Drawn.count["UI"] == before and time.monotonic() - begin < 3.0:
+            yield
+        xdotool("click", "1")
+        begin = time.monotonic()
+        while not until() and time.monotonic() - begin < (15.0 if attempt == 0 else LIMIT):
+            yield
+        xdotool("mousemove", *REST)
+        if until():
+            return
+        seen["pressed_again"] = seen.get("pressed_again", 0) + 1
+    check(False, f"large button no. {number + 1} was pressed, and nothing came of it")
 
 
 def call(operator: Any, how: str = "EXEC_DEFAULT", window: Any = None, **options: Any) -> set[str]:

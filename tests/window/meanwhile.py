@@ -75,8 +75,7 @@ def film() -> Steps:
     hands.select("Femur")
     call(bpy.ops.ed.undo_push, message="select")
     yield from only("report")
-    yield from hands.click(1)
-    yield from wait("the film", lambda: source.data.shape_keys.animation_data)
+    yield from hands.click(1, until=lambda: source.data.shape_keys.animation_data)
     key = source.data.shape_keys.key_blocks[-1]
     bpy.context.scene.frame_set(31)
     yield from pause(0.3)

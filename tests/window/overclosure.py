@@ -52,7 +52,7 @@ def overclosures() -> Steps:
 def make() -> None:
     """Two balls that overlap, fine enough to watch them being parted, and one far away."""
     for name, place in zip(NAMES, PLACES, strict=True):
-        bpy.ops.mesh.primitive_uv_sphere_add(segments=192, ring_count=96, location=place)
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, location=place)
         bpy.context.object.name = name
         bpy.context.object.select_set(False)
 
@@ -131,12 +131,15 @@ def gap_map() -> Steps:
     """The signed gap between the two as colours."""
     heat = bpy.context.scene.femors_heat
     select("Cup")
+    bpy.data.objects["Ball"].hide_set(True)
     heat.quantity, heat.other = "gap", bpy.data.objects["Ball"]
     yield from only("heat")
-    yield from click()
+    with bpy.context.temp_override(**hands.viewport()):
+        bpy.ops.view3d.view_axis(type="LEFT")  # on what has given way
     cup = bpy.data.objects["Cup"]
-    yield from wait("the colours", lambda: "femors_heat" in cup.data.color_attributes)
+    yield from click(until=lambda: "femors_heat" in cup.data.color_attributes)
     yield from shot("64_gap")
+    bpy.data.objects["Ball"].hide_set(False)
     check(call(bpy.ops.femors.hide_heat) == {"FINISHED"}, "no way back")
     yield from only("overclosure")
 

@@ -48,8 +48,7 @@ def heat() -> Steps:
     for number, quantity in enumerate(("displacement", "surface_distance", "scaled_jacobian")):
         form.quantity = quantity
         if not number:
-            yield from click()
-            yield from wait("the colours", lambda: "femors_heat" in item.data.color_attributes)
+            yield from click(until=lambda: "femors_heat" in item.data.color_attributes)
         else:
             check(call(bpy.ops.femors.show_heat) == {"FINISHED"}, f"{quantity} was not shown")
         check(shading.color_type == "VERTEX", "the viewport does not show the colours")

@@ -144,7 +144,7 @@ def cancel() -> Steps:
     yield from shot("08_cancelled")
     yield from click()
     yield from started()
-    yield from click()  # which is Cancel by now
+    yield from click(until=lambda: job() is None)  # which is Cancel by now
     yield from wait("the Cancel button to end the job", quiet)
     check(seen["reports"][-2:] == 2 * ["INFO: Morph: cancelled, nothing was changed"], str(seen["reports"]))
     check(scene_state() == before, "a job that was cancelled by its button changed the scene")
