@@ -53,6 +53,7 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
     # no REGISTER: the redo panel would run a long job again at each change
     bl_options: ClassVar[set[str]] = {"UNDO"}
     title = "Morph"
+    core = ("morph", "volume_morph", "deck_morph")
 
     source: bpy.props.StringProperty(
         name="Source", description="Name of the object to morph", options={"SKIP_SAVE"}

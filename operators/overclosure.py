@@ -47,6 +47,8 @@ def _numbers() -> dict[str, Any]:
 class BodiesOperator(JobOperator):
     """What check and removal share: which bodies, which pairs, how far apart."""
 
+    core = ("overclosure", "volume_quality")
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Say in words what is missing; the form counts only for the button that is drawn with it."""

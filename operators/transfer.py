@@ -49,6 +49,7 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
     bl_label = "Transfer"
     bl_options: ClassVar[set[str]] = {"UNDO"}
     title = "Transfer"
+    core = ("landmarks", "regions", "transfer", "keptfield")
 
     field: bpy.props.StringProperty(
         name="Field", description="Name of the field; empty for the newest", options={"SKIP_SAVE"}
