@@ -224,7 +224,7 @@ def started() -> Steps:
     """Wait for a job, and for its first word of progress."""
     yield from wait("a job to start", lambda: job() is not None)
     running = job()
-    yield from wait("first progress", lambda: running.fraction > 0 or not running.alive)
+    yield from wait("first progress", lambda: running.fraction > 0 or job() is not running)
 
 
 def start(window: Any = None) -> Steps:

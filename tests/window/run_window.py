@@ -117,7 +117,7 @@ def run(options: argparse.Namespace) -> int:
 def main() -> int:
     """Read the arguments and run."""
     parser = argparse.ArgumentParser(description="A morph in a real Blender window, with screenshots")
-    parser.add_argument("--out", type=Path, default=Path("demo_output/window"))
+    parser.add_argument("--out", type=Path, default=Path("test_output/window"))
     parser.add_argument("--zip", type=Path, help="the package to install")
     parser.add_argument("--site", default=os.environ.get("FEMORS_SITE", ""))
     parser.add_argument("--blender", default="blender")

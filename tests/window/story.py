@@ -126,7 +126,7 @@ def cancel() -> Steps:
     yield from started()
     running = job()
     fractions, texts = set(), set()
-    while len(fractions) < 5 and running.alive:
+    while len(fractions) < 5 and job() is running:
         fractions.add(running.fraction)
         texts.add(running.text)
         yield
