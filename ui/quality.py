@@ -55,6 +55,8 @@ class FEMORS_PT_quality(FemorsPanel, bpy.types.Panel):
         column.prop(form, "other", icon="MESH_DATA")
         if form.mesh is None and mesh is not None:
             layout.label(text=f"Active: {mesh.name}", icon="INFO")
+        elif mesh is None:
+            layout.label(text="Choose or select a mesh", icon="INFO")
         if draw_own_job(layout, "Quality"):
             return
         button = layout.column()

@@ -153,6 +153,7 @@ def switched_off() -> Steps:
 
 def other_file() -> Steps:
     """Load another file while a job runs."""
+    picked()
     yield from start()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     check(quiet(), "the job outlived its file")

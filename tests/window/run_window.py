@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the story; return 0 when it held to its end and Blender quit by itself."""
     out, package, blender, limit = options.out, options.zip, options.blender, options.limit
     out.mkdir(parents=True, exist_ok=True)
-    for old in (*out.glob("*.png"), out / "result.json"):
+    for old in (*out.glob("*.png"), *out.glob("*.txt"), out / "result.json"):
         old.unlink(missing_ok=True)
     result = out / "result.json"
     server, display = start_display()
@@ -100,6 +100,8 @@ def run(options: argparse.Namespace) -> int:
         finally:
             server.terminate()
             server.wait()
+        for crash in Path(resources).glob("*.crash.txt"):  # where Blender was when it crashed
+            shutil.copy(crash, out)
     seen = (
         json.loads(result.read_text()) if result.exists() else {"error": "Blender ended before the story did"}
     )
