@@ -148,6 +148,9 @@ def switched_off() -> Steps:
     yield from pause(0.3)
     hands.checkout.enable()
     hands.listen()
+    # Blender 4.3 keeps an empty handler of the operator that is gone until the window sees an event, and
+    # crashes where another modal operator starts before; a person's mouse is such an event
+    yield from away()
     yield from show_panel()
 
 
