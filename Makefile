@@ -76,7 +76,7 @@ blender: ## fetch real Blender binaries (Debian's trixie and sid) for the tests
 	@$(FETCH) sid "$(BLENDER_DIR)"
 
 clean: ## remove what tests and demos leave; .venv stays
-	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis demo_output bench_output docs_output docs/reference docs/files dist
+	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis demo_output test_output bench_output docs_output docs/reference docs/files dist
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv too

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: read the scene, run the core, write the scene. They import SciPy only when they run."""
+"""Operators: read the scene, run the core, write the scene. NumPy and SciPy are imported as they run."""
 
 from __future__ import annotations
 

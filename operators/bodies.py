@@ -10,19 +10,16 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
 from . import body_names, deck_scene, deck_store, scene
 from .deck_nodes import PartShot
+from .lazy import Array, np
 from .scene import Snapshot
 
 if TYPE_CHECKING:
     from ..femors_addon.bodies import Body
     from ..femors_addon.deck import Deck
-
-Array = NDArray[Any]
 
 
 # --- which ------------------------------------------------------------------------------------------

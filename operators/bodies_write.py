@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
 from . import bodies, deck_scene, result
+from .lazy import Array, np
 
-Array = NDArray[Any]
 GAP = "femors_gap"
 """Point attribute: signed distance to the nearest other body, negative inside of it."""
 KEY = "Overclosure removed"

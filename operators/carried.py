@@ -10,14 +10,12 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-import numpy as np
 from mathutils import Matrix, Vector
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
 from . import scene
+from .lazy import Array, np
 
-Array = NDArray[Any]
 CLOUDS = ("POINTCLOUD", "CURVES")  # whose points are an attribute
 KINDS = ("MESH", "CURVE", "SURFACE", *CLOUDS, "ARMATURE", "EMPTY")
 

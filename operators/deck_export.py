@@ -6,11 +6,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-import numpy as np
 
 from ..femors_addon.progress import FemorsError
 from . import deck_scene, deck_store, scene
 from .deck_nodes import together
+from .lazy import np
 
 
 def chosen(context: bpy.types.Context, name: str = "") -> list[bpy.types.Object]:

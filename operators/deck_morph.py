@@ -8,20 +8,17 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError, Preview, Progress
 from . import deck_scene, deck_store
 from .deck_nodes import PartShot
+from .lazy import Array, np
 from .scene import Snapshot
 
 if TYPE_CHECKING:
     from ..femors_addon.mesh import Surface
     from ..femors_addon.morph_result import MorphResult
     from ..femors_addon.morph_settings import MorphSettings
-
-Array = NDArray[Any]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

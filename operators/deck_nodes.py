@@ -11,15 +11,11 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..femors_addon.progress import FemorsError
+from .lazy import Array, np
 
 if TYPE_CHECKING:
     from ..femors_addon.deck import Deck, Part
-
-Array = NDArray[Any]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -7,19 +7,17 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import bpy
-import numpy as np
 from mathutils import Matrix
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
 from .deck_nodes import Key, PartShot, Shape
+from .lazy import Array, np
 from .scene import base_positions, group_weights
 
 if TYPE_CHECKING:
     from ..femors_addon.deck import Deck, Part
     from ..femors_addon.volume import Sets
 
-Array = NDArray[Any]
 NODE_ID = "node_id"
 """Point attribute: the deck's number of each node. Vertices are known by it, in whatever order."""
 KNOWN, KNOWN_KEYS = "femors_nodes", "femors_keys"

@@ -12,8 +12,6 @@ from __future__ import annotations
 import io
 import os
 import posixpath
-import tempfile
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +19,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..femors_addon.progress import FemorsError
+from .lazy import tempfile, zipfile
 
 if TYPE_CHECKING:
     from ..femors_addon.deck import Deck

@@ -5,16 +5,14 @@ from __future__ import annotations
 
 import functools
 import importlib
-import importlib.metadata
 import importlib.util
 import re
 import sys
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
-
 from ..femors_addon.progress import FemorsError
+from .lazy import metadata, np
 
 NEEDED = {"numpy": "NumPy", "scipy": "SciPy", "fast_simplification": "fast-simplification"}
 SHOWN = {
@@ -70,7 +68,7 @@ def clash() -> str:
             if re.match(r"numpy(?![\w.-])", line, re.IGNORECASE) and not allows(line, np.__version__):
                 wanted = line.partition(";")[0][len("numpy") :].strip(" ()")
                 return (
-                    f"{label} {importlib.metadata.version(name)} wants NumPy {wanted}, and this Blender "
+                    f"{label} {metadata.version(name)} wants NumPy {wanted}, and this Blender "
                     f"has {np.__version__}"
                 )
     return ""
@@ -100,8 +98,8 @@ def found() -> str:
     names = [f"NumPy {np.__version__}"]
     for name, label in SHOWN.items():
         try:
-            names.append(f"{label} {importlib.metadata.version(name)}")
-        except importlib.metadata.PackageNotFoundError:
+            names.append(f"{label} {metadata.version(name)}")
+        except metadata.PackageNotFoundError:
             names.append(f"no {label}")
     return ", ".join(names)
 
@@ -123,8 +121,8 @@ def require() -> None:
 
 def _requires(name: str) -> list[str]:
     try:
-        return importlib.metadata.requires(name) or []
-    except importlib.metadata.PackageNotFoundError:
+        return metadata.requires(name) or []
+    except metadata.PackageNotFoundError:
         return []  # found as a module all the same: built by hand, perhaps
 
 

@@ -7,13 +7,10 @@ No ``from __future__ import annotations`` here: Blender reads annotations as pro
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
-from . import deck_scene, deck_store, dependencies, heat_form
-
-Array = NDArray[Any]
+from . import deck_scene, deck_store, dependencies, heat_form, scene
+from .lazy import Array, np
 
 COLOURS = "femors_heat"
 """Name of the colour attribute, and of the note on a mesh that says what it shows."""
@@ -132,12 +129,7 @@ def surface_of(item: bpy.types.Object) -> tuple[Any, Array]:
     """Return an object's surface in world coordinates, and the polygon of each of its triangles."""
     from ..femors_addon.mesh import Surface, triangulate
 
-    mesh = item.data
-    sizes = np.empty(len(mesh.polygons), dtype=np.int32)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    corners = np.empty(len(mesh.loops), dtype=np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
-    triangles, polygon = triangulate(sizes, corners)
+    triangles, polygon = triangulate(*scene.polygons(item.data))
     return Surface(_world(item), triangles), polygon
 
 
@@ -185,9 +177,7 @@ def paint(item: bpy.types.Object, key: str, values: Array, low: float, high: flo
     domain = "POINT"
     if len(values) != len(mesh.vertices) or (key in FACE_KEYS and not deck_store.is_part(item)):
         domain = "CORNER"
-        sizes = np.empty(len(mesh.polygons), dtype=np.int32)
-        mesh.polygons.foreach_get("loop_total", sizes)
-        colours = np.repeat(colours, sizes, axis=0)
+        colours = np.repeat(colours, scene.polygons(mesh)[0], axis=0)
     if BEFORE not in mesh:
         active = mesh.color_attributes.active_color
         mesh[BEFORE] = active.name if active is not None and active.name != COLOURS else ""

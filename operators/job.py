@@ -5,10 +5,15 @@ An operator that mixes in `JobOperator` gives `prepare` (read the scene) and `ap
 Between them a pure function of arrays runs: in a worker thread when the operator was invoked from
 a window, so that Blender stays usable, and at once in `execute`, for scripts and ``blender -b``.
 What moves can be watched: `prepare` asks for `JobOperator.watch` and hands it to the core.
+
+The first job of a session imports SciPy and the core in its thread: a window that did it itself would
+stand still for a quarter of a second.
 """
 
 from __future__ import annotations
 
+import importlib
+import sys
 import threading
 import time
 import traceback
@@ -18,7 +23,7 @@ from typing import Any
 import bpy
 
 from ..femors_addon.progress import Cancelled, FemorsError, Preview, Progress
-from . import preview
+from . import dependencies, preview
 
 TICK = 0.1
 """Seconds between two looks at a running job."""
@@ -26,6 +31,7 @@ READ = 0.3
 """Seconds between two redraws of what is said of it, at least: nobody reads faster."""
 
 Compute = Callable[[Progress], Any]
+CORE = __package__.rpartition(".")[0] + ".femors_addon"
 
 
 class Job:
@@ -72,6 +78,13 @@ class Job:
         preview.show(self.views)
         self._thread.start()
 
+    def go_on(self, compute: Compute, views: Sequence[preview.View]) -> None:
+        """Compute something more, in a new thread, once the first one has ended."""
+        self.views, self.result = list(views), None
+        preview.show(self.views)
+        self._thread = threading.Thread(target=self._run, args=(compute,), name="FEMORS job")
+        self._thread.start()
+
     def cancel(self) -> None:
         """Ask the computation to end; it does so at its next word of progress."""
         self._cancel.set()
@@ -104,20 +117,27 @@ class Job:
         if self._thread.ident is not None:
             self._thread.join()
 
-    def close(self) -> None:
+    def close(self, redrawn: bool = True) -> None:
         """Ask the thread to end, remove timer and preview, clear the status bar. May be repeated.
 
         The thread ends by itself at its next word of progress; nobody need wait, for it touches nothing
         of Blender's, and its result is dropped.
+
+        Parameters
+        ----------
+        redrawn : bool
+            Not while Blender takes its windows down: then they are drawn anew later, if one is left.
         """
         self.cancel()
         timer, self._timer = self._timer, None
-        preview.hide()
+        preview.hide(redrawn)
         manager = bpy.context.window_manager
         if timer is not None and manager is not None:
             manager.event_timer_remove(timer)
-        show_status(None)
-        redraw()
+        if redrawn:
+            tidy()
+        else:
+            bpy.app.timers.register(tidy, first_interval=0.1)
 
 
 class JobOperator:
@@ -129,13 +149,17 @@ class JobOperator:
         What the operator does, in a word or two.
     current : Job or None
         Of `JobOperator` itself: the job that runs now, whichever operator started it.
+    core : tuple of str
+        Modules of the core that `prepare` and `apply` need: imported in the thread, before `prepare`.
     """
 
     # No annotations on attributes here: Blender evaluates them when an operator is registered, typing
     # caches what comes out, and the cached `Job` keeps the bpy module alive, which then hangs at exit.
     title = "FEMORS"
     current = None
+    core = ()
     _job = None
+    _prepared = True
     _shown = ()
     _read = 0.0
     _views = None
@@ -185,7 +209,9 @@ class JobOperator:
             return self.execute(context)
         try:
             self._views = []
-            job = Job(self.title, self.prepare(context), self._views)
+            missing = [name for name in self.core if f"{CORE}.{name}" not in sys.modules]
+            self._prepared = not missing
+            job = Job(self.title, loading(missing) if missing else self.prepare(context), self._views)
         except Exception as error:
             return self._failed(error)
         self._job = JobOperator.current = job
@@ -223,6 +249,10 @@ class JobOperator:
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         preview.refresh(TICK)
+        if not (self._prepared or job.alive or job.error):
+            self._prepared = True
+            job.go_on(self.prepare(context), self._views)
+            return {"PASS_THROUGH"}
         if not job.alive and job.error is None and context.mode != "OBJECT":
             job.fraction, job.text = 1.0, "Done: return to Object Mode to receive the result"
             self._show(job)
@@ -238,7 +268,7 @@ class JobOperator:
     def cancel(self, context: bpy.types.Context) -> None:
         """End with the window, the file or Blender itself (called by Blender)."""
         if self._job is not None and self._job is JobOperator.current:
-            close_current()
+            close_current(redrawn=False)
         wait_for_closed()  # Blender may be about to end, and a thread must not outlive it
 
     def tell(self, level: str, line: str) -> None:
@@ -281,13 +311,25 @@ _closed: list[Job] = []
 """Jobs whose threads may still be on their way out."""
 
 
-def close_current() -> None:
-    """End the running job, if any, in whatever state, and at once."""
+def loading(names: Sequence[str]) -> Compute:
+    """Return the import of modules of the core as work; it may raise `FemorsError`."""
+
+    def load(progress: Progress) -> None:
+        dependencies.require()
+        for name in names:
+            progress(0.0, "loading")
+            importlib.import_module(f"{CORE}.{name}")
+
+    return load
+
+
+def close_current(redrawn: bool = True) -> None:
+    """End the running job, if any, in whatever state, and at once; see `Job.close`."""
     job, JobOperator.current = JobOperator.current, None
     _closed[:] = [one for one in _closed if one.alive]
     if job is not None:
         _closed.append(job)
-        job.close()
+        job.close(redrawn)
 
 
 def wait_for_closed() -> None:
@@ -310,6 +352,13 @@ def show_status(text: str | None) -> None:
     """Write into the status bar, or give it back to Blender."""
     for workspace in bpy.data.workspaces:
         workspace.status_text_set(text)
+
+
+def tidy() -> None:
+    """Show that no job runs, unless there is a new one."""
+    if JobOperator.current is None:
+        show_status(None)
+        redraw()
 
 
 def redraw() -> None:
@@ -357,6 +406,8 @@ def unregister() -> None:
     """End the running job and take everything back."""
     close_current()
     wait_for_closed()
+    if bpy.app.timers.is_registered(tidy):
+        bpy.app.timers.unregister(tidy)
     bpy.app.handlers.load_pre.remove(_on_load)
     for cls in reversed(classes):
         bpy.utils.unregister_class(cls)

@@ -8,13 +8,13 @@ import os
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..femors_addon.progress import FemorsError
 from ..femors_addon.transfer_settings import AxesSettings
 from . import marks, scene
 from .decks import DeckOperator
+from .lazy import np
 from .props import ARGUMENT, add_properties, setting_properties
 
 ENDINGS = (".mrk.json", ".json", ".fcsv", ".csv")

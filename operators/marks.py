@@ -8,12 +8,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
+from .lazy import Array, np
 
-Array = NDArray[Any]
 NAME = "femors_landmark"
 """Custom property of an empty: its landmark's name, which Blender may have had to number."""
 FIGURES = ("distance", "residual", "stretch", "projected", "spread", "templates")

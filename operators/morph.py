@@ -8,7 +8,6 @@ import json
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
 
 from ..femors_addon.morph_settings import PRESETS, MorphSettings
 from ..femors_addon.progress import FemorsError
@@ -16,6 +15,7 @@ from ..femors_addon.settings import check, specs
 from . import deck_morph, dependencies, fields, result, scene
 from .form import fill_from_preset, read_settings
 from .job import Compute, JobOperator
+from .lazy import np
 from .props import ARGUMENT, RESULT_OPTIONS, add_properties, result_properties, setting_properties
 
 DISTANCE = "femors_surface_distance"
@@ -53,6 +53,7 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
     # no REGISTER: the redo panel would run a long job again at each change
     bl_options: ClassVar[set[str]] = {"UNDO"}
     title = "Morph"
+    core = ("morph", "volume_morph", "deck_morph")
 
     source: bpy.props.StringProperty(
         name="Source", description="Name of the object to morph", options={"SKIP_SAVE"}

@@ -29,7 +29,9 @@ def gap(context: bpy.types.Context) -> str:
     if form.bodies_from == "COLLECTION" and form.collection is None:
         return "Choose the collection that holds the bodies"
     count = len(bodies.chosen(context))
-    return "" if count > 1 else f"{count} mesh(es) chosen as bodies: at least two are needed"
+    if form.bodies_from == "COLLECTION":
+        return "" if count > 1 else f"The collection holds {count} mesh(es): at least two are needed"
+    return "" if count > 1 else f"Select the bodies: two meshes or more (so far {count})"
 
 
 def _numbers() -> dict[str, Any]:
@@ -44,6 +46,8 @@ def _numbers() -> dict[str, Any]:
 
 class BodiesOperator(JobOperator):
     """What check and removal share: which bodies, which pairs, how far apart."""
+
+    core = ("overclosure", "volume_quality")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -8,20 +8,16 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..femors_addon.overclosure_settings import OverclosureSettings
 from ..femors_addon.progress import FemorsError, Preview, Progress, part
 from . import bodies
 from .body_names import Pair
 from .deck_nodes import Shape, together
+from .lazy import Array, np
 
 if TYPE_CHECKING:
     from ..femors_addon.overclosure import OverclosureResult
     from ..femors_addon.overclosure_check import Finding
-
-Array = NDArray[Any]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

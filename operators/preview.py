@@ -8,10 +8,8 @@ import time
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from .lazy import Array, np
 
 PAUSE = 0.2
 """Seconds between two pictures, at least; a slow display gets fewer (see `SHARE`)."""
@@ -116,15 +114,16 @@ def show(views: list[View]) -> None:
         Screen.handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
-def hide() -> None:
-    """Draw nothing any more; may be repeated."""
+def hide(redrawn: bool = True) -> None:
+    """Draw nothing any more, and what is there anew; may be repeated."""
     handler, Screen.handler = Screen.handler, None
     for view in Screen.views:
         view.free()
     Screen.views = []
     if handler is not None:
         bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
-        tag_redraw()
+        if redrawn:
+            tag_redraw()
     Screen.shader = None
 
 

@@ -8,11 +8,11 @@ import json
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
 
 from ..femors_addon.progress import FemorsError
 from . import deck_scene, deck_store, dependencies, heat, scene
 from .job import Compute, JobOperator
+from .lazy import Array, np
 
 BAD = "femors_bad"
 """Face attribute: whether the face has a fault."""
@@ -35,6 +35,7 @@ class FEMORS_OT_quality(JobOperator, bpy.types.Operator):
     bl_label = "Measure Quality"
     bl_options: ClassVar[set[str]] = {"UNDO"}
     title = "Quality"
+    core = ("examine", "volume_quality")
 
     mesh: bpy.props.StringProperty(
         name="Mesh", description="Name of the object to measure", options={"SKIP_SAVE"}
@@ -187,10 +188,7 @@ class FEMORS_OT_select_bad_faces(bpy.types.Operator):
             other.select_set(False)
         item.select_set(True)
         context.view_layer.objects.active = item
-        corners = np.empty(len(mesh.loops), dtype=np.int32)
-        mesh.loops.foreach_get("vertex_index", corners)
-        sizes = np.empty(len(bad), dtype=np.int32)
-        mesh.polygons.foreach_get("loop_total", sizes)
+        sizes, corners = scene.polygons(mesh)
         vertices = np.zeros(len(mesh.vertices), dtype=bool)
         vertices[corners[np.repeat(bad, sizes)]] = True
         _select(mesh, ".select_vert", "POINT", vertices)
@@ -201,7 +199,7 @@ class FEMORS_OT_select_bad_faces(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _select(mesh: bpy.types.Mesh, name: str, domain: str, chosen: np.ndarray) -> None:
+def _select(mesh: bpy.types.Mesh, name: str, domain: str, chosen: Array) -> None:
     """Write a selection as the attribute that it is; edges follow the faces in Edit Mode.
 
     Setting the edges' own ``select`` crashes Blender 5.0.1.

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
 from ..femors_addon.progress import FemorsError
 from . import decks, dependencies, heat, transfer_report, viewport
+from .lazy import np
 
 
 def reported(item: bpy.types.Object | None) -> dict[str, Any]:

@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
+from .lazy import Array, np
 from .scene import Snapshot, evaluated_mesh
 
-Array = NDArray[Any]
 KEY_PREFIX = "Morphed to "
 
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from typing import Any
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..femors_addon.progress import FemorsError
 from . import marks
-
-Array = NDArray[Any]
+from .lazy import Array, np
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -205,13 +201,27 @@ def base_positions(mesh: bpy.types.Mesh) -> Array:
     return out.reshape(-1, 3)
 
 
+def polygons(mesh: bpy.types.Mesh) -> tuple[Array, Array]:
+    """Return the number of corners of each polygon (m,), and the vertex of each corner (k,), int32.
+
+    By arrays, where Blender has them: by properties, a window would stand still for a moment.
+    """
+    corners = np.empty(len(mesh.loops), dtype=np.int32)
+    attribute = mesh.attributes.get(".corner_vert")
+    if attribute is not None and len(attribute.data) == len(corners):
+        attribute.data.foreach_get("value", corners)
+    else:  # in Edit Mode
+        mesh.loops.foreach_get("vertex_index", corners)
+    sizes = np.full(len(mesh.polygons), 3, dtype=np.int32)
+    if len(corners) != 3 * len(sizes):  # else all are triangles, for none has fewer corners
+        mesh.polygons.foreach_get("loop_total", sizes)
+    return sizes, corners
+
+
 def _arrays(mesh: bpy.types.Mesh, name: str) -> tuple[Array, Array, Array, Array]:
     """Return positions, polygon sizes, corner vertices and triangles of a mesh."""
     positions = base_positions(mesh)
-    sizes = np.empty(len(mesh.polygons), dtype=np.int32)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    corners = np.empty(len(mesh.loops), dtype=np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
+    sizes, corners = polygons(mesh)
     if not len(sizes):
         raise FemorsError(f"'{name}' has no faces: a surface mesh is needed")
     bad = int((~np.isfinite(positions).all(axis=1)).sum())

@@ -7,7 +7,6 @@ No ``from __future__ import annotations`` here: Blender reads annotations as pro
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
 
 from ..femors_addon.progress import FemorsError
 from ..femors_addon.settings import check, specs
@@ -28,6 +27,7 @@ from . import (
 )
 from .form import exact
 from .job import Compute, JobOperator
+from .lazy import np
 from .props import ARGUMENT, add_properties, setting_properties
 from .transfer_props import OPTIONS, transfer_options
 
@@ -49,6 +49,7 @@ class FEMORS_OT_transfer(JobOperator, bpy.types.Operator):
     bl_label = "Transfer"
     bl_options: ClassVar[set[str]] = {"UNDO"}
     title = "Transfer"
+    core = ("landmarks", "regions", "transfer", "keptfield")
 
     field: bpy.props.StringProperty(
         name="Field", description="Name of the field; empty for the newest", options={"SKIP_SAVE"}

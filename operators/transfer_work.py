@@ -7,10 +7,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..femors_addon.progress import FemorsError, Progress, part
+from .lazy import Array, np
 
 if TYPE_CHECKING:
     from ..femors_addon.carry import Carrier
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
     from ..femors_addon.transfer import Transfer, Transferred
     from ..femors_addon.transfer_settings import TransferSettings
 
-Array = NDArray[Any]
 LANDMARKS = "landmarks"
 """What landmarks together are called in a report."""
 OWN = 0.005  # of the size: half of an object's vertices may be so far from the surface that a field knows

@@ -7,7 +7,8 @@ import json
 from typing import Any
 
 import bpy
-import numpy as np
+
+from .lazy import np
 
 GROUPS_MADE = "femors_groups"
 """Custom property of a target: the names of the groups that transfers have made, as JSON."""

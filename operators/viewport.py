@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
+
+from .lazy import np
 
 WIDTH = 960
 

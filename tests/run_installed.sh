@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # run_installed.sh [BLENDER...]: what `make test-package` runs. Installs the zip of dist/ into each Blender
 # as a user does, runs tests/blender against what is installed, takes SciPy away, uninstalls, and looks
-# what is left; all with preferences of its own, and with nothing on the path but pytest. A BLENDER is
+# what is left; all with preferences of its own, and with nothing on the path but pytest. Debian's also show
+# tests/window in a window under Xvfb; the pictures stay in test_output/window-trixie and -sid. A BLENDER is
 #   trixie, sid    Debian's, as `make blender` fetched them (FEMORS_BLENDER_DIR)
 #   4.5.15 ...     a bpy wheel, which is fetched into ~/.cache/femors (about 1.2 GB each)
 #   /path/to/it    any binary
@@ -68,6 +69,22 @@ spoil() {
   esac
 }
 
+# window: a story in the window of a fetched Blender, with the package installed once more, in preferences of
+# its own; stalls by a large mesh are measured in one Blender only
+window() {
+  local out=$root/test_output/window-$blender without="" code
+  [ "$binary" = "$fetched/blender-$blender" ] && [ -x "$fetched/run-$blender" ] || return 0
+  [ "$blender" = trixie ] || without=watched
+  ${limit:+$limit 960} "$fetched/run-$blender" python3 "$root/tests/window/run_window.py" \
+    --out "$out" --zip "$zip" --without "$without" </dev/null 2>&1 | tee "$work/out"
+  code=${PIPESTATUS[0]}
+  case $code in
+    0) tell "$blender's window: held for $(tail -n 1 "$work/out")" ;;
+    5) tell "SKIPPED: $blender's window ($(sed -n 's/^skipped: //p' "$work/out"))" ;;
+    *) bad "the story in its window, with exit code $code, see $out" ;;
+  esac
+}
+
 # round: everything in one Blender
 round() {
   local start=$SECONDS result code
@@ -85,6 +102,7 @@ round() {
   code=$?
   result=$(sed -n 's/^=* *\([0-9].* in [0-9.]*s\).*$/\1/p' "$work/out" | tail -n 1)
   [ $code -eq 0 ] || bad "the tests, with exit code $code"
+  window
   { spoil loading && step broken; } || return
   { spoil missing && step broken; } || return
   step uninstall || return

@@ -140,6 +140,7 @@ def draw_sentence(
     scale = context.preferences.system.ui_scale
     width = max(int((context.region.width / scale - 50) / 6.5), 20)
     column = layout.column(align=True)
+    column.scale_y = 0.8
     line = ""
     icons = [icon]
     for word in [*sentence.split(), ""]:

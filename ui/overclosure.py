@@ -11,6 +11,7 @@ from ..femors_addon.overclosure_settings import OverclosureSettings
 from ..femors_addon.settings import specs
 from ..operators import bodies, dependencies
 from ..operators.job import JobOperator
+from ..operators.overclosure import gap
 from .figures import draw_row, draw_sentence, fixed, length_unit, number, parsed
 from .panels import FemorsPanel, draw_own_job
 
@@ -73,6 +74,9 @@ class FEMORS_PT_overclosure(FemorsPanel, bpy.types.Panel):
         settings.prop(form, "result")
         if draw_own_job(layout, "Check", "Overclosure"):
             return
+        missing = gap(context)
+        if missing:
+            draw_sentence(layout, context, missing, "INFO")
         buttons = layout.row(align=True)
         buttons.scale_y = 1.6
         buttons.context_pointer_set("femors_form", form)
@@ -278,7 +282,7 @@ def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over:
     """Draw a row of the table of pairs, the two names one below the other."""
     split = layout.split(factor=0.5, align=True)
     column = split.column(align=True)
-    column.scale_y = 0.6 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
+    column.scale_y = 0.5 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
     for name in names:
         column.label(text=name)
     cells = split.split(factor=0.54)

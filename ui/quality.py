@@ -55,6 +55,8 @@ class FEMORS_PT_quality(FemorsPanel, bpy.types.Panel):
         column.prop(form, "other", icon="MESH_DATA")
         if form.mesh is None and mesh is not None:
             layout.label(text=f"Active: {mesh.name}", icon="INFO")
+        elif mesh is None:
+            layout.label(text="Choose or select a mesh", icon="INFO")
         if draw_own_job(layout, "Quality"):
             return
         button = layout.column()
@@ -126,7 +128,8 @@ def _draw_against(
         draw_sentence(box, context, f"No XOR volume: {beside['no_overlap']}", "INFO")
         return
     error = f" ± {number(factor**3 * both['xor_uncertainty'])}"
-    _line(box, "XOR volume", (number(factor**3 * both["xor"]) + error,))
+    plain = unit == "scene units"
+    _line(box, "XOR volume" if plain else f"XOR volume ({unit}³)", (number(factor**3 * both["xor"]) + error,))
     _line(box, "Dice coefficient", (f"{both['dice']:.4f}",))
 
 

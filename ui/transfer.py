@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import bpy
-import numpy as np
 
 from ..operators import fields
 from ..operators.job import JobOperator
+from ..operators.lazy import np
 from .figures import draw_sentence, fixed, length_unit, number
 from .panels import FemorsPanel, draw_own_job
 

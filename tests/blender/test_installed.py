@@ -71,12 +71,13 @@ def test_the_extensions_folder_is_written_by_blender_only(extension):
         assert path.is_dir() or kept, path
 
 
-def test_blender_starts_with_it_and_without_scipy():
+def test_blender_starts_with_it_and_without_anything_heavy():
     if not bpy.app.binary_path:
         pytest.skip("the bpy wheel does not enable what the preferences name; see the next test there")
     code = (
-        "import sys, bpy; print('enabled', 'femors' in dir(bpy.ops) and bpy.ops.femors.morph.poll()); "
-        "print('imported', [m for m in ('scipy', 'fast_simplification', 'meshio') if m in sys.modules])"
+        "import sys; heavy = ('numpy', 'scipy', 'fast_simplification', 'meshio', 'manifold3d'); "
+        "print('imported', [m for m in heavy if m in sys.modules]); "
+        "import bpy; print('enabled', 'femors' in dir(bpy.ops) and bpy.ops.femors.morph.poll())"
     )
     done = subprocess.run(
         [bpy.app.binary_path, "-b", "--python-exit-code", "1", "--python-expr", code],

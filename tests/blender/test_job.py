@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -178,6 +180,58 @@ def test_esc_ends_the_job_at_once_though_the_thread_is_deep_in_work(context, par
     go.set()
     module.wait_for_closed()
     assert not threads() and isinstance(job.error, part("femors_addon.progress").Cancelled)
+
+
+@pytest.mark.parametrize("name", ["limits", "no_such_module"])
+def test_the_core_is_imported_in_the_thread(context, part, monkeypatch, name):
+    """The window does not wait for SciPy; what cannot be imported is told, and the job closed."""
+    module = part("operators.job")
+    monkeypatch.delitem(sys.modules, f"{module.CORE}.{name}", raising=False)
+    monkeypatch.setattr(module.bpy, "app", SimpleNamespace(background=False), raising=False)
+    told, where = [], []
+
+    class Operator(module.JobOperator):
+        core = (name,)
+
+        def report(self, level, line):
+            told.append((level, line))
+
+        def prepare(self, context):
+            where.append((threading.current_thread(), f"{module.CORE}.{name}" in sys.modules))
+            return lambda progress: 42
+
+        def apply(self, context, result):
+            return "INFO", f"gave {result}"
+
+    class Event:
+        type, value = "TIMER", "NOTHING"
+
+    context.mode, context.window = "OBJECT", object()
+    monkeypatch.setattr(context, "modal_handler_add", lambda operator: None, raising=False)
+    operator = Operator()
+    assert operator.run_modal(context) == {"RUNNING_MODAL"} and not where
+    answer = {"PASS_THROUGH"}
+    end = time.monotonic() + 10.0
+    while answer == {"PASS_THROUGH"}:
+        assert time.monotonic() < end, "waited in vain"
+        answer = operator.modal(context, Event)
+        time.sleep(0.005)
+    if name == "limits":
+        assert where == [(threading.main_thread(), True)]
+        assert answer == {"FINISHED"} and told == [({"INFO"}, "gave 42")]
+    else:
+        assert not where and answer == {"CANCELLED"} and "no_such_module" in told[0][1]
+    assert module.JobOperator.current is None and context.timers == 0
+
+
+def test_what_the_operators_import_in_the_thread_is_there(part):
+    for name, kind in (("morph", "morph"), ("quality", "quality"), ("transfer", "transfer")):
+        operator = getattr(part(f"operators.{name}"), f"FEMORS_OT_{kind}")
+        assert operator.core
+        for one in operator.core:
+            part(f"femors_addon.{one}")
+    for one in part("operators.overclosure").BodiesOperator.core:
+        part(f"femors_addon.{one}")
 
 
 def test_the_time_left_follows_the_pace(context, part, monkeypatch):

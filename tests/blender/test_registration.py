@@ -49,22 +49,30 @@ def test_switching_off_and_on_leaves_nothing_behind(extension, part):
     assert registered() == before
 
 
-def test_enabling_does_not_import_scipy(tmp_path):
+def test_enabling_imports_nothing_heavy(tmp_path):
+    """Blender starts with it each time: NumPy alone would cost more than all of FEMORS."""
     if bpy.app.binary_path:
-        pytest.skip("needs a Python of its own; tests/window looks at this in the binary")
+        pytest.skip("needs a Python of its own; test_installed and tests/window look at this in the binary")
     code = (
         "import sys; sys.path.insert(0, 'demo'); "
-        "import checkout; here = checkout.Checkout(); import bpy; here.enable(); "
+        "import checkout; here = checkout.Checkout(); import bpy; before = set(sys.modules); here.enable(); "
+        "new = set(sys.modules) - before; "
+        "heavy = ('numpy', 'scipy', 'fast_simplification', 'meshio', 'manifold3d'); "
+        "print('imported', [m for m in heavy if m in new]); "
+        "core = checkout.PACKAGE + '.femors_addon.'; "
+        "print('core', sorted(m[len(core):] for m in new if m.startswith(core))); "
         "assert bpy.ops.femors.morph.poll(); "
-        "bad = [m for m in ('scipy', 'fast_simplification') if m in sys.modules]; "
-        "here.disable(); "
-        "print('imported', bad)"
+        "print('asked', [m for m in heavy[1:] if m in sys.modules]); "
+        "here.disable()"
     )
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, timeout=60, check=False
     )
-    assert "imported []" in done.stdout, done.stdout + done.stderr
+    said = done.stdout + done.stderr
+    assert "imported []" in done.stdout and "asked []" in done.stdout, said
+    light = ["limits", "morph_settings", "overclosure_settings", "progress", "settings", "transfer_settings"]
+    assert f"core {[*light, 'version']}" in done.stdout, said
     assert done.returncode == 0, "bpy did not come to a clean end: something of ours keeps it alive"
 
 

@@ -1,58 +1,66 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A part of the story in a window: overclosures found, clicked, removed, cancelled, undone."""
+"""The story in a window, overclosures: found, clicked, removed, cancelled, undone."""
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Iterator
 from typing import Any
 
 import bpy
+import hands
+from hands import (
+    Steps,
+    away,
+    call,
+    check,
+    click,
+    job,
+    only,
+    pause,
+    quiet,
+    seen,
+    select,
+    shot,
+    started,
+    view,
+    wait,
+)
 
 NAMES = ("Ball", "Cup", "Ring")
 PLACES = ((0.0, 0.0, 0.0), (1.7, 0.1, 0.0), (0.0, 9.0, 0.0))
 
 
-def steps(story: Any) -> Iterator[None]:
-    """Check, click a pair, remove; with Esc, undo, redo and an edit meanwhile.
-
-    Parameters
-    ----------
-    story : namespace
-        The helpers of ``story.py``.
-    """
-    others = [item.name for item in bpy.context.view_layer.objects if not item.hide_get()]
-    for name in others:  # by name: undo makes all objects anew
-        bpy.data.objects[name].hide_set(True)
+def overclosures() -> Steps:
+    """Check, click a pair, remove; with Esc, undo, redo and an edit meanwhile."""
+    space = view()["area"].spaces.active
+    space.clip_start, space.clip_end = 0.01, 1000.0
     make()
-    story.check(gap(story), "the buttons must be disabled while nothing is selected")
-    for name in NAMES:
-        bpy.data.objects[name].select_set(True)
-    story.check(not gap(story), "the buttons must be enabled for what is selected")
-    yield from check(story)
-    yield from cancelled(story)
-    yield from removed(story)
-    yield from excluded(story)
-    yield from edited(story)
-    for name in NAMES:
-        bpy.data.objects.remove(bpy.data.objects[name])
-    for name in others:
-        bpy.data.objects[name].hide_set(False)
+    check(gap(), "the buttons must be disabled while nothing is selected")
+    select(*NAMES)
+    call(bpy.ops.ed.undo_push, message="select")
+    check(not gap(), "the buttons must be enabled for what is selected")
+    hands.frame()
+    yield from only("overclosure")
+    yield from shot("60_bodies")
+    yield from checked()
+    yield from cancelled()
+    yield from removed()
+    yield from excluded()
+    yield from edited()
+    yield from only()
 
 
 def make() -> None:
     """Two balls that overlap, fine enough to watch them being parted, and one far away."""
     for name, place in zip(NAMES, PLACES, strict=True):
-        bpy.ops.mesh.primitive_uv_sphere_add(segments=192, ring_count=96, location=place)
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, location=place)
         bpy.context.object.name = name
         bpy.context.object.select_set(False)
 
 
-def gap(story: Any) -> str:
+def gap() -> str:
     """What the panel says is missing."""
-    module = importlib.import_module(f"{story.PACKAGE}.operators.overclosure")
-    with bpy.context.temp_override(**story.view()):
-        return module.gap(bpy.context)
+    with bpy.context.temp_override(**view()):
+        return hands.module("operators.overclosure").gap(bpy.context)
 
 
 def form() -> Any:
@@ -60,12 +68,10 @@ def form() -> Any:
     return bpy.context.scene.femors_overclosure
 
 
-def press(story: Any, operator: Any) -> Iterator[None]:
-    """Press a button of the panel and wait for the first word of progress."""
-    result = story.call(operator, "INVOKE_DEFAULT")
-    story.check(result == {"RUNNING_MODAL"}, f"the button gave {result}")
-    running = story.job()
-    yield from story.wait("first progress", lambda: running.fraction > 0 or not running.alive)
+def remove() -> Steps:
+    """Press the right one of the two large buttons."""
+    yield from click(where=0.75)
+    yield from started()
 
 
 def keys() -> list[str]:
@@ -73,65 +79,87 @@ def keys() -> list[str]:
     return [name for name in NAMES if bpy.data.objects[name].data.shape_keys is not None]
 
 
-def check(story: Any) -> Iterator[None]:
+def checked() -> Steps:
     """Check; then a click on the pair selects and frames both of its objects."""
-    yield from press(story, bpy.ops.femors.check_overclosure)
-    yield from story.wait("the check", story.quiet)
-    story.check([(p.one, p.two, p.state) for p in form().pairs] == [("Ball", "Cup", "overlap")], "pairs")
-    story.check([row.item.name for row in form().bodies] == sorted(NAMES), "the list of bodies")
-    region = story.view()["area"].spaces.active.region_3d
+    yield from click(where=0.25)
+    yield from wait("the check", lambda: quiet() and len(form().pairs))
+    check([(p.one, p.two, p.state) for p in form().pairs] == [("Ball", "Cup", "overlap")], "pairs")
+    check([row.item.name for row in form().bodies] == sorted(NAMES), "the list of bodies")
+    region = view()["area"].spaces.active.region_3d
     before = region.view_location.copy()
     form().pair_index = 0
-    yield from story.pause(1.0)
+    yield from wait("a click on the pair to frame it", lambda: (region.view_location - before).length > 0.1)
+    yield from pause(0.5)
     chosen = sorted(item.name for item in bpy.context.view_layer.objects if item.select_get())
-    story.check(chosen == ["Ball", "Cup"], f"a click on the pair selected {chosen}")
-    story.check((region.view_location - before).length > 0.1, "a click on the pair did not frame it")
-    yield from story.shot("o1_checked")
+    check(chosen == ["Ball", "Cup"], f"a click on the pair selected {chosen}")
+    yield from shot("61_checked")
 
 
-def cancelled(story: Any) -> Iterator[None]:
+def cancelled() -> Steps:
     """Esc ends a removal, and nothing has changed."""
-    yield from press(story, bpy.ops.femors.remove_overclosure)
-    yield from story.shot("o2_running")
-    story.check(story.job() is not None and story.job().alive, "it ended before it could be cancelled")
-    story.press("Escape")
-    yield from story.wait("Esc to end the removal", story.quiet)
-    story.check(not keys(), "a cancelled removal changed the scene")
+    yield from remove()
+    yield from shot("62_running")
+    check(job() is not None and job().alive, "it ended before it could be cancelled")
+    hands.press("Escape")
+    yield from wait("Esc to end the removal", quiet)
+    check(not keys(), "a cancelled removal changed the scene")
 
 
-def removed(story: Any) -> Iterator[None]:
+def removed() -> Steps:
     """Run to the end; one undo takes all of it back, one redo brings it again."""
-    yield from press(story, bpy.ops.femors.remove_overclosure)
-    yield from story.wait("the removal", story.quiet)
-    story.check(keys() == ["Ball", "Cup"], f"shape keys on {keys()}")
-    story.check("CERTIFIED" in story.seen["reports"][-1], f"the report says: {story.seen['reports'][-1]}")
-    story.check([pair.state for pair in form().pairs] == ["clear"], "the table was not brought up to date")
-    yield from story.shot("o3_removed")
-    story.call(bpy.ops.ed.undo)
-    yield from story.pause(0.3)
-    story.check(not keys(), "undo left shape keys")
-    story.call(bpy.ops.ed.redo)
-    yield from story.pause(0.3)
-    story.check(keys() == ["Ball", "Cup"], "redo did not bring the result back")
-    story.call(bpy.ops.ed.undo)
-    yield from story.pause(0.3)
+    yield from remove()
+    yield from wait("the removal", quiet)
+    check(keys() == ["Ball", "Cup"], f"shape keys on {keys()}")
+    check("CERTIFIED" in seen["reports"][-1], f"the report says: {seen['reports'][-1]}")
+    check([pair.state for pair in form().pairs] == ["clear"], "the table was not brought up to date")
+    yield from shot("63_removed")
+    call(bpy.ops.ed.undo)
+    yield from pause(0.2)
+    check(not keys(), "undo left shape keys")
+    call(bpy.ops.ed.redo)
+    yield from pause(0.2)
+    check(keys() == ["Ball", "Cup"], "redo did not bring the result back")
+    yield from gap_map()
+    call(bpy.ops.ed.undo)
+    yield from pause(0.2)
+    while keys():
+        call(bpy.ops.ed.undo)
+        yield from pause(0.2)
 
 
-def excluded(story: Any) -> Iterator[None]:
+def gap_map() -> Steps:
+    """The signed gap between the two as colours."""
+    heat = bpy.context.scene.femors_heat
+    select("Cup")
+    bpy.data.objects["Ball"].hide_set(True)
+    heat.quantity, heat.other = "gap", bpy.data.objects["Ball"]
+    yield from only("heat")
+    with bpy.context.temp_override(**hands.viewport()):
+        bpy.ops.view3d.view_axis(type="LEFT")  # on what has given way
+    cup = bpy.data.objects["Cup"]
+    yield from click(until=lambda: "femors_heat" in cup.data.color_attributes)
+    yield from shot("64_gap")
+    bpy.data.objects["Ball"].hide_set(False)
+    check(call(bpy.ops.femors.hide_heat) == {"FINISHED"}, "no way back")
+    yield from only("overclosure")
+
+
+def excluded() -> Steps:
     """A pair that was unticked in the table is left alone by the button."""
     form().pairs[0].exclude = True
-    yield from press(story, bpy.ops.femors.remove_overclosure)
-    yield from story.wait("the removal", story.quiet)
-    story.check(not keys(), "an excluded pair was parted")
-    story.check([(pair.exclude, pair.state) for pair in form().pairs] == [(True, "excluded")], "the row")
+    yield from remove()
+    yield from wait("the removal", quiet)
+    check(not keys(), "an excluded pair was parted")
+    check([(pair.exclude, pair.state) for pair in form().pairs] == [(True, "excluded")], "the row")
     form().pairs[0].exclude = False
 
 
-def edited(story: Any) -> Iterator[None]:
+def edited() -> Steps:
     """Move a body while the removal runs: nothing is written."""
-    yield from press(story, bpy.ops.femors.remove_overclosure)
+    yield from remove()
     bpy.data.objects["Cup"].location.z += 0.5
-    yield from story.wait("the end", story.quiet)
-    story.check(not keys(), "a result was written over an edited scene")
-    said = story.seen["reports"][-1]
-    story.check("'Cup' was edited or moved" in said, f"the report says: {said}")
+    yield from wait("the end", quiet)
+    check(not keys(), "a result was written over an edited scene")
+    said = seen["reports"][-1]
+    check("'Cup' was edited or moved" in said, f"the report says: {said}")
+    yield from away()
