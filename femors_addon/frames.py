@@ -54,8 +54,9 @@ def vertex_gradients(before: Surface, after: Surface) -> Float:
 
 def principal_stretches(before: Surface, after: Surface) -> Float:
     """Return (m, 2) the largest and the smallest stretch in each face's plane; NaN where it has no area."""
-    one, two = (surface.corners[:, 1] - surface.corners[:, 0] for surface in (before, after))
-    side, other = (surface.corners[:, 2] - surface.corners[:, 0] for surface in (before, after))
+    corners = before.corners, after.corners
+    one, two = (corner[:, 1] - corner[:, 0] for corner in corners)
+    side, other = (corner[:, 2] - corner[:, 0] for corner in corners)
     length = np.linalg.norm(one, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         # the face laid flat: its first side along an axis

@@ -129,15 +129,19 @@ class _Planes:
     @classmethod
     def of(cls, *surfaces: Surface) -> list[_Planes]:
         scale = max((float(np.abs(s.vertices).max()) for s in surfaces if len(s.vertices)), default=0.0)
-        out = []
+        out: list[_Planes] = []
         for s in surfaces:
-            longest = triples.longest_squared(s.corners)
+            if out and s is surfaces[0]:
+                out.append(out[0])
+                continue
+            corners = s.corners
+            longest = triples.longest_squared(corners)
             area = 2.0 * s.face_areas
             # a face without area has no plane: nothing is ever off it
             tolerance = np.full(len(area), np.inf)
             np.divide(ROUNDING * scale * longest, area, out=tolerance, where=area > 0)
-            planes = np.concatenate((s.corners[:, 0], s.face_normals), axis=1)
-            out.append(cls(s.faces, s.vertices, s.corners, planes, tolerance))
+            planes = np.concatenate((corners[:, 0], s.face_normals), axis=1)
+            out.append(cls(s.faces, s.vertices, corners, planes, tolerance))
         return out
 
 
@@ -205,8 +209,8 @@ def _candidates(a: Surface, b: Surface) -> Iterator[tuple[Index, Index]]:
         faces_a, faces_b = _within(a.corners, low, high), _within(b.corners, low, high)
     if not len(faces_a) or not len(faces_b):
         return
-    classes_a = _classes(a.corners, faces_a)
-    classes_b = classes_a if a is b else _classes(b.corners, faces_b)
+    classes_a = _classes(a, faces_a)
+    classes_b = classes_a if a is b else _classes(b, faces_b)
     for i, one in enumerate(classes_a):
         for two in classes_b[i:] if a is b else classes_b:
             for f, g in _overlapping(one, two):
@@ -256,9 +260,9 @@ def _overlapping(one: _Balls, two: _Balls) -> Iterator[tuple[Index, Index]]:
         yield f[near], g[near]
 
 
-def _classes(corners: Float, faces: Index) -> list[_Balls]:
+def _classes(surface: Surface, faces: Index) -> list[_Balls]:
     """Sort the enclosing balls of some faces by octaves of size."""
-    centre, radius, owner = _pieces(corners[faces], faces)
+    centre, radius, owner = _pieces(surface.vertices.take(surface.faces[faces], axis=0), faces)
     # below a thousandth of the usual size all are one class
     smallest = max(float(np.median(radius)) * 2.0**-10, float(radius.max()) * 2.0**-30)
     octave = np.zeros(len(radius), dtype=np.int64)

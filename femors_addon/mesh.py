@@ -23,8 +23,14 @@ FLAT = 1e-10  # of its area to the power 1.5: a component of less volume has no 
 
 
 def frozen(array: ArrayLike, dtype: type, columns: int) -> NDArray:
-    """Return a read-only, contiguous (n, columns) array of the dtype."""
-    out: NDArray = np.array(array, dtype=dtype, order="C").reshape(-1, columns)
+    """Return a read-only, contiguous (n, columns) array of the dtype; what is so already is not copied."""
+    given = np.asarray(array)
+    owned = given.base is None and not given.flags.writeable and given.flags.c_contiguous
+    if owned and given.dtype == dtype and given.shape[1:] == (columns,):
+        return given
+    out: NDArray = np.array(given, dtype=dtype, order="C")
+    if out.shape[1:] != (columns,):
+        out = out.reshape(-1, columns)
     out.setflags(write=False)
     return out
 
@@ -87,15 +93,15 @@ class Surface:
         return other
 
     # --- geometry -----------------------------------------------------------------------------
-    @cached_property
+    @property
     def corners(self) -> Float:
-        """(m, 3, 3) the corner positions of each face."""
+        """(m, 3, 3) the corner positions of each face: taken anew each time, for they are large."""
         return self.vertices.take(self.faces, axis=0)
 
     @cached_property
     def face_cross(self) -> Float:
         """(m, 3) face normals scaled by twice the area."""
-        a, b, c = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
+        a, b, c = (self.vertices.take(corner, axis=0) for corner in self.faces.T)
         return triples.cross(b - a, c - a)
 
     @cached_property

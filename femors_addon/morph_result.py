@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from . import triples
 from .align import transformed
 from .carry import Carrier
 from .files import Location
@@ -314,7 +315,8 @@ def misfit_around(
     partial : {"none", "source", "target"}
         With "source", what is closest to the border is beyond it, and not counted.
     """
-    middles = target.corners.mean(axis=1)[target.face_areas > LARGE_FACE * morphed.face_areas.mean()]
+    large = target.faces[target.face_areas > LARGE_FACE * morphed.face_areas.mean()]
+    middles = triples.total(target.vertices.take(large, axis=0)) / 3.0
     points = np.concatenate((target.vertices[np.unique(target.faces)], middles))
     unknown = points if back is None else middles
     found = SurfaceIndex(morphed).closest(unknown) if len(unknown) else None

@@ -53,11 +53,12 @@ class SurfaceIndex:
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
-        self._triangles = Triangles.of(surface.corners)
+        corners = surface.corners
+        self._triangles = Triangles.of(corners)
         self._faces_at, self._first = surface.corner_order
         count = np.diff(self._first)
         longest = np.zeros(len(surface.vertices))
-        side = np.sqrt(triples.longest_squared(surface.corners))
+        side = np.sqrt(triples.longest_squared(corners))
         np.maximum.at(longest, surface.faces.ravel(), np.repeat(side, 3))
         self._slack = longest**2 / 3.0
         used = np.flatnonzero(count)
@@ -228,7 +229,7 @@ class SurfaceIndex:
         for i in range(3):
             mine = surface.faces[face, i] == vertex[row]
             here, at = row[mine], face[mine]
-            corners = surface.corners[at]
+            corners = surface.vertices.take(surface.faces[at], axis=0)
             one, two = (
                 triples.unit(corners[:, i - 2] - corners[:, i]),
                 triples.unit(corners[:, i - 1] - corners[:, i]),

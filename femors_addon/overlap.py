@@ -77,11 +77,12 @@ def _along(axis: int, first: Surface, second: Surface, low: Float, high: Float, 
     width, height = (int(np.ceil((high[k] - low[k]) / cell)) + 1 for k in across)
     lines, places, turns, owners = [], [], [], []
     for mesh, surface in enumerate((first, second)):
-        flat = (surface.corners[..., across] - low[across]) / cell + np.array(OFFSET)
+        corners = surface.corners
+        flat = (corners[..., across] - low[across]) / cell + np.array(OFFSET)
         facing = np.sign(surface.face_cross[:, axis])
         for at, face, share in fragments(flat, width, height):
             lines.append(at)
-            places.append(np.einsum("kc,kc->k", share, surface.corners[face][..., axis]))
+            places.append(np.einsum("kc,kc->k", share, corners[face][..., axis]))
             turns.append(-facing[face])  # a line that meets a face from outside goes in
             owners.append(np.full(len(at), mesh))
     line, place, turn, owner = (np.concatenate(one) for one in (lines, places, turns, owners))

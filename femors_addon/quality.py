@@ -101,10 +101,11 @@ def skewness(surface: Surface) -> Float:
     ``max((largest - 60) / 120, (60 - smallest) / 60)`` of the angles in degrees; as an angle sum of
     180 makes the second the larger of the two, or its equal, it is ``1 - smallest / 60``.
     """
+    corners = surface.corners
     smallest = np.full(len(surface.faces), np.pi / 3)
     for i in range(3):
-        here = surface.corners[:, i]
-        one, two = surface.corners[:, i - 2] - here, surface.corners[:, i - 1] - here
+        here = corners[:, i]
+        one, two = corners[:, i - 2] - here, corners[:, i - 1] - here
         angle = np.arctan2(2.0 * surface.face_areas, np.einsum("ij,ij->i", one, two))
         smallest = np.minimum(smallest, angle)
     return 1.0 - smallest / (np.pi / 3)
@@ -185,7 +186,8 @@ def _volumes(surface: Surface, part: np.ndarray, parts: int) -> Float:
 
 
 def _squared_sides(surface: Surface) -> Float:
-    sides = [surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3)]
+    corners = surface.corners
+    sides = [corners[:, i] - corners[:, i - 1] for i in range(3)]
     return np.column_stack([np.einsum("ij,ij->i", side, side) for side in sides])
 
 

@@ -84,7 +84,8 @@ def triangle_jacobians(surface: Surface) -> Float:
     Twice the area over the product of the two longest sides, as a share of what it is in the equilateral
     triangle (Knupp; Stimpson et al., SAND2007-1751).
     """
-    sides = [surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3)]
+    corners = surface.corners
+    sides = [corners[:, i] - corners[:, i - 1] for i in range(3)]
     lengths = np.sort(np.column_stack([np.linalg.norm(side, axis=1) for side in sides]), axis=1)
     longest = lengths[:, 1] * lengths[:, 2]
     twice = 2.0 * surface.face_areas

@@ -114,7 +114,7 @@ class RegionMap:
         faces = np.flatnonzero((weights[surface.faces] > 0).any(axis=1))
         fine = int(np.ceil(3.0 * surface.mean_edge / max(self.target.mean_edge, 1e-300)))
         bary = _sampling(min(max(fine, 2), FINEST))
-        corners = surface.corners[faces]
+        corners = surface.vertices.take(surface.faces[faces], axis=0)
         points = np.einsum("sk,fkc->fsc", bary, corners).reshape(-1, 3)
         value = (weights[surface.faces[faces]] @ bary.T).ravel()
         mass = value * np.repeat(surface.face_areas[faces] / len(bary), len(bary))

@@ -155,8 +155,7 @@ def folded(reference: Surface, moved: Surface) -> Int:
 
 def _slimness(surface: Surface) -> Float:
     """Height over longest side (m,) of each face; 0 without a side."""
-    sides = (surface.corners[:, i] - surface.corners[:, i - 1] for i in range(3))
-    longest = np.max([np.einsum("ij,ij->i", side, side) for side in sides], axis=0)
+    longest = triples.longest_squared(surface.corners)
     return 2.0 * surface.face_areas / np.maximum(longest, np.finfo(float).tiny)
 
 
