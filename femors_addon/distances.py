@@ -61,7 +61,8 @@ class Target:
         index = self._index
         if index is None and np.isfinite(reach) and not self.solid.open_edges:
             low, high = triples.box(points)
-            part = Region.of(self.surface, low - reach, high + reach).surface
+            wide = reach * (1.0 + 1e-9)  # a distance is rounded
+            part = Region.of(self.surface, low - wide, high + wide).surface
             if 2 * len(part.faces) < len(self.surface.faces):
                 index = SurfaceIndex(part)
         if index is None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -63,16 +64,24 @@ def require_nodes(nodes: int, what: str, least: float, each: float) -> None:
     require_memory(least + each * nodes, f"{what} with {nodes} nodes in all")
 
 
+_within = threading.local()  # `thread` is true in the threads of `in_threads`
+
+
+def _begin() -> None:
+    _within.thread = True
+
+
 def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
     """Yield what the work returns for each part, in their order, in as many threads as are allowed.
 
     Results are the same for any number of threads as long as no part needs what another writes. The consumer
-    may raise, `Cancelled` for instance: parts that have not begun are dropped.
+    may raise, `Cancelled` for instance: parts that have not begun are dropped. Within such a thread parts are
+    worked on one after the other, for threads that start threads would be more than are allowed.
     """
-    if Limits.threads < 2:
+    if Limits.threads < 2 or getattr(_within, "thread", False):
         yield from map(work, parts)
         return
-    pool, waiting = ThreadPoolExecutor(Limits.threads), deque[Future[R]]()
+    pool, waiting = ThreadPoolExecutor(Limits.threads, initializer=_begin), deque[Future[R]]()
     try:
         for one in parts:
             waiting.append(pool.submit(work, one))

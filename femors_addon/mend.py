@@ -15,10 +15,12 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from .correspond import FACING, interpolated_normals
+from .correspond import FACING, at_border, interpolated_normals
 from .intersect import self_intersections
 from .mesh import Float, Int, Surface
+from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
+from .progress import Progress, part, silent
 from .quality import aspect_ratio, flipped_faces
 from .relax import folded
 
@@ -37,6 +39,8 @@ def mended(
     displacement: Float,
     target: SurfaceIndex,
     free: Float | None,
+    settings: MorphSettings,
+    progress: Progress = silent,
     left: int = 0,
 ) -> tuple[Float, int]:
     """Spread out the nodes around faces that fold over or cross others or are squeezed, where it helps.
@@ -51,6 +55,10 @@ def mended(
         What the nodes are laid onto.
     free : (n,) float64 or None
         0 for the nodes that stay, as those of an open border do.
+    settings : MorphSettings
+        Where nodes are not to lie on the target (`projection` 0), nothing is mended here.
+    progress : Progress
+        May raise `Cancelled`.
     left : int
         Faces that are known to be folded or to cross others; without any, crossings are not looked for
         before something is changed.
@@ -62,15 +70,18 @@ def mended(
     left : int
         Faces folded or crossing in it.
     """
+    if settings.projection == 0:
+        return displacement, left
     positions = aligned.vertices + displacement
     moved = aligned.moved(positions)
     if not left and not len(flipped_faces(rest, moved)) and not _squeezed(rest, moved).any():
         return displacement, 0
     fixed = aligned.border if free is None else aligned.border | (free <= 0)
-    work = _Patches(rest, aligned, target, np.unique(self_intersections(aligned)), ~fixed)
-    near, bad = work.mend(positions, PATCHES, CLOSE)
+    crossing = np.unique(self_intersections(aligned))
+    work = _Patches(rest, aligned, target, crossing, ~fixed, settings)
+    near, bad = work.mend(positions, PATCHES, CLOSE, part(progress, 0.0, 0.5))
     if (bad >= 1.0).any():
-        loose, after = work.mend(positions, PATCHES, 0.0)
+        loose, after = work.mend(positions, PATCHES, 0.0, part(progress, 0.5, 1.0))
         if (after >= 1.0).sum() < (bad >= 1.0).sum():
             near, bad = loose, after
     changed = (near != positions).any(axis=1)[:, None]  # rounding must not move the others
@@ -86,17 +97,21 @@ class _Patches:
     target: SurfaceIndex
     crossing: Int  # faces that cross others from the first
     may: np.ndarray  # (n,) nodes that may move
+    settings: MorphSettings
 
-    def mend(self, positions: Float, widths: tuple[int, ...], close: float) -> tuple[Float, Float]:
+    def mend(
+        self, positions: Float, widths: tuple[int, ...], close: float, progress: Progress
+    ) -> tuple[Float, Float]:
         """Try one width after the other; return positions (n, 3) and how bad each face is there (m,)."""
         bad = self._badness(positions)
-        for rings in widths:
+        for number, rings in enumerate(widths):
+            progress(number / len(widths), "mending folded faces")
             # beyond the target's reach a squeezed face is none of our business
             at = np.flatnonzero(bad if close else bad >= 1.0)
             if not len(at):
                 break
             inside = _patch(self.aligned, at, rings) & self.may
-            trial = _spread_out(self.aligned, positions, np.flatnonzero(inside), self.target, rings, close)
+            trial = self._spread_out(positions, np.flatnonzero(inside), rings, close)
             after = self._badness(trial)
             better = _better(self.aligned, inside, bad, after)
             better &= self._small(inside, np.linalg.norm(trial - positions, axis=1))
@@ -106,6 +121,31 @@ class _Patches:
             if after.sum() < bad.sum():
                 positions, bad = trial, after
         return positions, bad
+
+    def _spread_out(self, positions: Float, nodes: Int, rings: int, close: float) -> Float:
+        """Move the nodes towards the mean of their neighbours, all weighing alike, and onto the target.
+
+        Those that lie within `close` mean edges of it are laid on it again and again, whichever way they
+        face; without, only those that face as the target does, and once, at the end.
+        """
+        aligned, target = self.aligned, self.target
+        rows = aligned.adjacency[nodes]
+        rows = sparse.diags(1.0 / np.maximum(np.asarray(rows.sum(axis=1)).ravel(), 1.0)) @ rows
+        out = positions.copy()
+        for number in range(1, rings + 1):
+            for _ in range(ROUNDS):
+                out[nodes] = 0.5 * (out[nodes] + rows @ out)
+            if close or number == rings:
+                moved = aligned.moved(out)
+                found = target.closest(out[nodes])
+                normals = interpolated_normals(target.surface, found.face, found.barycentric)
+                kept = np.einsum("ij,ij->i", moved.vertex_normals[nodes], normals) > FACING
+                kept |= found.distance < close * moved.mean_edge
+                if self.settings.partial != "none":
+                    kept &= ~at_border(target.surface, found.face, found.barycentric)
+                step = found.point[kept] - out[nodes[kept]]
+                out[nodes[kept]] += self.settings.projection * step
+        return out
 
     def _small(self, inside: np.ndarray, movement: Float) -> np.ndarray:
         """False (n,) for the nodes of patches that are a good part of the mesh, or move far."""
@@ -140,30 +180,6 @@ def _patch(surface: Surface, faces: Int, rings: int) -> np.ndarray:
     for _ in range(rings - 1):
         inside |= surface.adjacency @ inside.astype(float) > 0
     return inside
-
-
-def _spread_out(
-    aligned: Surface, positions: Float, nodes: Int, target: SurfaceIndex, rings: int, close: float
-) -> Float:
-    """Move the nodes towards the mean of their neighbours, all weighing alike, and onto the target.
-
-    Those that lie within `close` mean edges of it are laid on it again and again, whichever way they
-    face; without, only those that face as the target does, and once, at the end.
-    """
-    rows = aligned.adjacency[nodes]
-    rows = sparse.diags(1.0 / np.maximum(np.asarray(rows.sum(axis=1)).ravel(), 1.0)) @ rows
-    out = positions.copy()
-    for number in range(1, rings + 1):
-        for _ in range(ROUNDS):
-            out[nodes] = 0.5 * (out[nodes] + rows @ out)
-        if close or number == rings:
-            moved = aligned.moved(out)
-            found = target.closest(out[nodes])
-            normals = interpolated_normals(target.surface, found.face, found.barycentric)
-            kept = np.einsum("ij,ij->i", moved.vertex_normals[nodes], normals) > FACING
-            kept |= found.distance < close * moved.mean_edge
-            out[nodes[kept]] = found.point[kept]
-    return out
 
 
 def _hanging(surface: Surface, inside: np.ndarray) -> tuple[Int, int]:

@@ -109,10 +109,14 @@ def morph(
         work.index,
         free,
         settings,
-        part(progress, 0.7, 0.88),
+        part(progress, 0.7, 0.86),
         watch.dense,
     )
-    displacement, left = mended(work.rest, work.aligned, displacement, work.index, free, left)
+    mending = part(progress, 0.86, 0.88)
+    displacement, left = mended(
+        work.rest, work.aligned, displacement, work.index, free, settings, mending, left
+    )
+    watch.dense(displacement)
     if weight is not None:
         displacement, left = unfolded(
             work.aligned, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free

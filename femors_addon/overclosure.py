@@ -261,9 +261,10 @@ def _parted(
         solid.held = set()
     again = _efforts(solids, asked, before, {}, settings, stuck)
     if any(effort.through and effort.pair.names in stuck for effort in again):
-        failed, found = _removed(again, solids, asked, before, settings, history, progress, preview)
+        steps: list[Step] = []  # the history is that of the state that is returned
+        failed, found = _removed(again, solids, asked, before, settings, steps, progress, preview)
         if not failed and _clear(found, again):
-            efforts[:] = again
+            efforts[:], history[:] = again, steps
             return failed, found
     for solid, (points, held) in zip(solids, here, strict=True):
         solid.put(points)

@@ -212,8 +212,7 @@ def settle(
             # the rounds between follow the tangent planes of the first; the last is exact again
             if fresh := found is None or number == rounds - 1:
                 found = target.closest(positions)
-            step = _to_target(moved, target.surface, found, fresh, lines, settings)
-            landed = positions + step
+            step, landed = _to_target(moved, target.surface, found, fresh, lines, settings)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
@@ -259,11 +258,12 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
 
 def _to_target(
     moved: Surface, target: Surface, found: Closest, fresh: bool, lines: FeatureLines, settings: MorphSettings
-) -> Float:
+) -> tuple[Float, Float]:
     """Move (n, 3) to the closest compatible points; other nodes go along with their neighbours.
 
     Where `found` is not `fresh` the nodes have moved along the surface since, and go to the tangent
-    planes at the points found.
+    planes at the points found. Also returns the points (n, 3) of the target that nodes go to, NaN for the
+    others.
     """
     normals = interpolated_normals(target, found.face, found.barycentric)
     kept = np.einsum("ij,ij->i", moved.vertex_normals, normals) > FACING
@@ -281,7 +281,9 @@ def _to_target(
         step[~kept] = field(moved.vertices[~kept])
     nodes, points = lines.onto(moved.vertices)
     step[nodes] = points - moved.vertices[nodes]
-    return step
+    landed = np.where(kept[:, None] & fresh, found.point, np.nan)
+    landed[nodes] = points
+    return step, landed
 
 
 def bad_faces(reference: Surface, moved: Surface) -> Int:
@@ -309,22 +311,26 @@ def unfolded(
     Returns
     -------
     displacement : (n, 3) float64
-        The best state met: with the fewest bad faces.
+        The best state met: with the fewest folds, then with the fewest bad faces.
     left : int
-        Bad faces in it.
+        Bad faces in it, as `judge` counts them.
     """
-    best, fewest, current = displacement, len(reference.faces) + 1, displacement
+    best, left, current = displacement, -1, displacement
+    fewest = (len(reference.faces) + 1, 0)
     for rings in (*PATCHES, 0):
         moved = reference.moved(reference.vertices + current)
         faces = folded(reference, moved)
-        if not len(faces) or not rings:
+        folds, judged = len(faces), not len(faces) or not rings
+        if judged:
             faces = judge(reference, moved)
-        if len(faces) < fewest:
-            best, fewest = current, len(faces)
+        if (folds, len(faces)) < fewest:
+            best, left, fewest = current, len(faces) if judged else -1, (folds, len(faces))
         if not len(faces) or not rings:
             break
         current = _harmonic(current, reference.faces[faces].ravel(), mean, rings, free)
-    return best, fewest
+    if left < 0:  # only its folds are known
+        left = len(judge(reference, reference.moved(reference.vertices + best)))
+    return best, left
 
 
 def _harmonic(

@@ -52,9 +52,9 @@ def cross(a: Float, b: Float) -> Float:
 
 
 def unit(vectors: Float) -> Float:
-    """Normalise the rows (n, 3); rows of zero length stay zero."""
+    """Normalise the rows (n, 3); rows of zero length, or too short to be squared, are zero."""
     size = length(vectors)
-    size[size == 0] = 1.0
+    size[size == 0] = np.inf
     return np.asarray(vectors / size[:, None])
 
 

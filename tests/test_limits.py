@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from concurrent.futures import ThreadPoolExecutor as Pool
 
 import numpy as np
@@ -90,7 +91,9 @@ def test_threads_change_no_bit(job, monkeypatch):
     limits.allow(1, 0)
     one = job()
     started = []
-    monkeypatch.setattr(limits, "ThreadPoolExecutor", lambda count: started.append(count) or Pool(count))
+    monkeypatch.setattr(
+        limits, "ThreadPoolExecutor", lambda count, **more: started.append(count) or Pool(count, **more)
+    )
     for threads in (2, 3):
         limits.allow(threads, 0)
         np.testing.assert_array_equal(job(), one)
@@ -122,6 +125,21 @@ def test_threads_keep_the_order_hold_few_parts_and_end_with_the_consumer():
 
     with pytest.raises(ValueError, match=r"^0$"):
         list(limits.in_threads(fails, range(9)))
+
+
+def test_threads_within_threads_are_no_more_than_allowed():
+    limits.allow(2, 0)
+    seen = set()
+
+    def inner(one):
+        seen.add(threading.get_ident())
+        return one
+
+    def outer(one):
+        return sum(limits.in_threads(inner, range(8)))
+
+    assert list(limits.in_threads(outer, range(6))) == [28] * 6
+    assert len(seen) <= 2
 
 
 def measure_only(progress):

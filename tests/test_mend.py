@@ -8,7 +8,9 @@ from femors_addon import morph as morphing
 from femors_addon.intersect import self_intersections
 from femors_addon.mend import mended
 from femors_addon.mesh import Surface
+from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.progress import Cancelled
 from femors_addon.quality import aspect_ratio, flipped_faces
 from femors_addon.shapes import sphere
 
@@ -29,14 +31,14 @@ def _pulled(ball, share=1.9):
 
 def test_nothing_is_done_where_nothing_is_bad(ball):
     displacement = 0.1 * ball.vertices
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None)
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings())
     assert after is displacement and left == 0
 
 
 def test_a_folded_face_is_laid_out_on_the_target(ball):
     node, displacement = _pulled(ball)
     assert len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None)
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings())
     moved = ball.moved(ball.vertices + after)
     assert left == 0
     assert not len(flipped_faces(ball, moved)) and not len(self_intersections(moved))
@@ -49,20 +51,39 @@ def test_a_folded_face_is_laid_out_on_the_target(ball):
 def test_a_squeezed_face_gets_its_room_back(ball):
     _, displacement = _pulled(ball, 0.98)
     assert not len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None)
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings())
     assert left == 0
     assert aspect_ratio(ball.moved(ball.vertices + displacement)).max() > 20
     assert aspect_ratio(ball.moved(ball.vertices + after)).max() < 10
+
+
+def test_where_nodes_are_not_to_lie_on_the_target_nothing_is_laid_on_it(ball):
+    _, displacement = _pulled(ball)
+    off = MorphSettings(projection=0.0)
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, off, left=5)
+    assert after is displacement and left == 5
+
+
+def test_mending_can_be_cancelled(ball):
+    _, displacement = _pulled(ball)
+
+    def cancel(fraction, text):
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings(), cancel)
 
 
 def test_nodes_that_may_not_move_stay(ball):
     node, displacement = _pulled(ball, 1.3)
     free = np.zeros(len(ball.vertices))
     free[node] = 1.0
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), free)
+    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), free, MorphSettings())
     assert left == 0
     assert set(np.flatnonzero(np.abs(after - displacement).max(axis=1) > 0)) == {node}
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), np.zeros(len(ball.vertices)), 1)
+    after, left = mended(
+        ball, ball, displacement, SurfaceIndex(ball), np.zeros(len(ball.vertices)), MorphSettings(), left=1
+    )
     np.testing.assert_array_equal(after, displacement)
     assert left > 0  # and it is said that they are bad
 

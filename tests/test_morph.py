@@ -122,6 +122,15 @@ def test_what_the_result_says_is_so(pair, morphed):
     assert morphed.settings == MorphSettings()
 
 
+def test_distances_beyond_a_partial_target_are_so_too(pair):
+    target = cut(pair.target, -99, 200)[0]
+    result = morph(pair.source, target, MorphSettings(partial="target"))
+    there = SurfaceIndex(target).closest(result.vertices).distance
+    assert there.max() > 50
+    assert result.surface_distance == pytest.approx(there, abs=1e-9)
+    assert result.after.surface_to_target.maximum == pytest.approx(there.max())
+
+
 def test_the_report_is_json_and_the_summary_text(morphed):
     report = json.loads(json.dumps(morphed.report(), allow_nan=False))
     assert report["converged"] is True

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from femors_addon import relax, shapes
-from femors_addon.mesh import Float, Surface
+from femors_addon.mesh import Float, Surface, clean
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.quality import aspect_ratio, flipped_faces, self_intersections
@@ -206,6 +206,19 @@ def test_folds_are_mended_near_by(seed):
     assert np.array_equal(mended[far], displacement[far])
 
 
+def test_what_is_left_is_counted_as_the_judge_counts(monkeypatch):
+    """Folds alone are looked at while there are any; the number returned is of all that is bad."""
+    ball = shapes.sphere(3)
+    broken = np.zeros_like(ball.vertices)
+    broken[[5, 50, 500]] = 2.5 * ball.mean_edge * np.random.default_rng(5).normal(size=(3, 3))
+    assert 0 < len(folded(ball, ball.moved(ball.vertices + broken))) < 40
+    monkeypatch.setattr(relax, "PATCHES", (1,))
+    monkeypatch.setattr(relax, "_harmonic", lambda displacement, *_: displacement)  # mends nothing
+    out, left = unfolded(ball, broken, averaging(ball), lambda reference, moved: np.arange(40))
+    assert np.array_equal(out, broken)
+    assert left == 40
+
+
 def test_a_sound_displacement_is_not_mended():
     ball = shapes.sphere(2)
     displacement = 0.3 * ball.vertices
@@ -247,3 +260,17 @@ def test_settling_lays_nodes_on_the_target_with_their_shapes():
     held, _, _ = relax.settle(ball, ball, even, target, weight, MorphSettings(), lambda fraction, text: None)
     assert np.array_equal(held[weight == 0], even[weight == 0])
     assert target.closest((ball.vertices + held)[weight == 1]).distance.max() < 1e-9
+
+
+def test_only_nodes_that_were_laid_on_the_target_are_said_to_lie_there():
+    ball = shapes.sphere(3, radius=10.0)
+    half = clean(ball.vertices, ball.faces[ball.corners[:, :, 2].min(axis=1) > -1.0]).surface
+    target = SurfaceIndex(half)
+    even = 0.02 * ball.vertices
+    settings = MorphSettings(partial="target")
+    out, _, landed = relax.settle(ball, ball, even, target, None, settings, lambda fraction, text: None)
+    known = np.isfinite(landed).all(axis=1)
+    low = ball.vertices[:, 2] < -3.0
+    assert known.any() and not known[low].any()
+    assert target.closest(landed[known]).distance.max() < 1e-9
+    assert target.closest((ball.vertices + out)[low]).distance.min() > 1.0
