@@ -24,7 +24,6 @@ from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transform
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
 from .limits import require_memory
-from .locality import along_space
 from .mend import mended
 from .mesh import Cleaned, Float, Surface, clean
 from .morph_result import MorphResult, Step, result_of
@@ -94,8 +93,7 @@ def morph(
         clean(target.vertices, target.faces, "target"),
     )
     pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
-    work = _Work.begun(ours, theirs, settings, pairs, progress)
-    ours, theirs = work.ours, work.theirs
+    work = _Work.begun(ours.surface, theirs.surface, settings, pairs, progress)
     weight = _clean_weights(weights, ours, len(source.vertices))
     # whatever may move at all is morphed as a whole, and takes its share of it in the end
     free = None if weight is None else (weight > 0).astype(float)
@@ -162,8 +160,6 @@ def _steered(result: MorphResult, pairs: Pairs, settings: MorphSettings) -> Stee
 class _Work:
     """What stays the same through all iterations."""
 
-    ours: Cleaned
-    theirs: Cleaned
     alignment: Alignment
     rest: Surface  # the source's own element shapes, mirrored where it was
     aligned: Surface
@@ -185,13 +181,12 @@ class _Work:
     @classmethod
     def begun(
         cls,
-        ours: Cleaned,
-        theirs: Cleaned,
+        source: Surface,
+        target: Surface,
         settings: MorphSettings,
         pairs: Pairs | None,
         progress: Progress,
     ) -> _Work:
-        source, target = ours.surface, theirs.surface
         levels, targets = _levels(source, target, settings, progress)
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
         options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}
@@ -200,17 +195,15 @@ class _Work:
             alignment = align(source, target, settings.alignment, **options)
         else:
             alignment, pairs = lead(source, target, settings.alignment, pairs, **options)
-        # only now: how the alignment samples a mesh must not depend on its pose
-        ours, theirs = along_space(ours), along_space(theirs)
-        rest, target = ours.surface, theirs.surface
-        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, rest)]
+        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, source)]
+        rest = source
         if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
             moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
             rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
         weight = settings.landmark_weight if settings.steer else 0.0
         index, size = SurfaceIndex(target), target.diagonal
         places = moved, [*targets, target]
-        return cls(ours, theirs, alignment, rest, moved[-1], index, *places, size, pairs, weight)
+        return cls(alignment, rest, moved[-1], index, *places, size, pairs, weight)
 
 
 def _levels(
