@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import settings as declared
-from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed
+from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed, unit_factor
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
 from .limits import require_memory
@@ -78,7 +78,8 @@ def morph(
     Raises
     ------
     FemorsError
-        A mesh that is no surface, unpaired landmarks, settings outside their limits.
+        A mesh that is no surface, unpaired landmarks, settings outside their limits, a source that is in
+        another unit than the target without `MorphSettings.fix_units`.
     Cancelled
         From `progress`.
     """
@@ -92,6 +93,12 @@ def morph(
         clean(source.vertices, source.faces, "source"),
         clean(target.vertices, target.faces, "target"),
     )
+    factor = None if settings.fix_units else unit_factor(ours.surface, theirs.surface, settings.partial)
+    if factor is not None:  # no deformation makes a bone of a thousandth of one
+        raise FemorsError(
+            f"the source seems to be in another unit: {factor:g} times its size would fit the target; "
+            "tick Convert units (--fix-units) to have it scaled"
+        )
     pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
     work = _Work.begun(ours.surface, theirs.surface, settings, pairs, progress)
     weight = _clean_weights(weights, ours, len(source.vertices))
