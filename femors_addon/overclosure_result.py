@@ -87,7 +87,8 @@ class OverclosureResult:
         gap = "no two bodies are near each other"
         if least is not None:
             gap = f"the smallest gap is {least if least > 1e-12 else 0.0:.5g}"
-        words = f"CERTIFIED: nothing crosses, nothing is contained, no element was inverted; {gap}"
+        further = "further " if any(len(body.inverted_input) for body in self.bodies) else ""
+        words = f"CERTIFIED: nothing crosses, nothing is contained, no {further}element was inverted; {gap}"
         return words if not self.untouched else f"{words}; nothing had to be moved"
 
     def report(self) -> dict[str, Any]:
@@ -207,7 +208,8 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
             )
         if len(solid.inverted_input):
             notes.append(
-                f"{solid.name}: {len(solid.inverted_input)} elements were inverted before; left alone"
+                f"{solid.name}: elements inverted before: {len(solid.inverted_input)}; left alone, and not "
+                "in the scaled Jacobians"
             )
         crossed = _crossed(solid, solids, before)
         if crossed:
