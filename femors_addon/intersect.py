@@ -281,21 +281,22 @@ def _pieces(corners: Float, owner: Index) -> tuple[Float, Float, Index]:
     The ball of a long thin face holds much that is not near it: faces larger than the usual are
     halved, the largest first, until there are some times as many pieces as faces.
     """
-    centre, radius = _balls(corners)
+    centre, radius = enclosing_balls(corners)
     usual, budget = 2.0 * float(np.median(radius)), 3 * len(corners) + 1000
     while True:
         large = radius > max(usual, 0.5 * float(radius.max()))
         if not large.any() or len(radius) > budget:
             return centre, radius, owner
         halves = _halved(corners[large])
-        new_centre, new_radius = _balls(halves)
+        new_centre, new_radius = enclosing_balls(halves)
         corners = np.concatenate((corners[~large], halves))
         centre = np.concatenate((centre[~large], new_centre))
         radius = np.concatenate((radius[~large], new_radius))
         owner = np.concatenate((owner[~large], np.tile(owner[large], 2)))
 
 
-def _balls(corners: Float) -> tuple[Float, Float]:
+def enclosing_balls(corners: Float) -> tuple[Float, Float]:
+    """Return centres (m, 3) and radii (m,) of balls around faces (m, 3, 3)."""
     centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
     radius = triples.squared(corners[:, 0] - centre)
     for i in (1, 2):

@@ -14,9 +14,11 @@ import dataclasses
 import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
+from . import triples
 from .correspond import FACING, at_border, interpolated_normals
-from .intersect import self_intersections
+from .intersect import enclosing_balls, self_intersections
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
@@ -103,7 +105,8 @@ class _Patches:
         self, positions: Float, widths: tuple[int, ...], close: float, progress: Progress
     ) -> tuple[Float, Float]:
         """Try one width after the other; return positions (n, 3) and how bad each face is there (m,)."""
-        bad = self._badness(positions)
+        pairs = self_intersections(self.aligned.moved(positions))
+        bad = self._badness(positions, pairs)
         for number, rings in enumerate(widths):
             progress(number / len(widths), "mending folded faces")
             # beyond the target's reach a squeezed face is none of our business
@@ -112,14 +115,16 @@ class _Patches:
                 break
             inside = _patch(self.aligned, at, rings) & self.may
             trial = self._spread_out(positions, np.flatnonzero(inside), rings, close)
-            after = self._badness(trial)
+            crossed = self._crossed(pairs, positions, trial)
+            after = self._badness(trial, crossed)
             better = _better(self.aligned, inside, bad, after)
             better &= self._small(inside, np.linalg.norm(trial - positions, axis=1))
             trial[~better] = positions[~better]
             if not better.all():
-                after = self._badness(trial)
+                crossed = self._crossed(pairs, positions, trial)
+                after = self._badness(trial, crossed)
             if after.sum() < bad.sum():
-                positions, bad = trial, after
+                positions, bad, pairs = trial, after, crossed
         return positions, bad
 
     def _spread_out(self, positions: Float, nodes: Int, rings: int, close: float) -> Float:
@@ -157,14 +162,33 @@ class _Patches:
         small[count] = True
         return np.asarray(small[patch])
 
-    def _badness(self, positions: Float) -> Float:
+    def _crossed(self, pairs: Int, before: Float, after: Float) -> Int:
+        """Return the pairs of faces (k, 2) that cross, where `pairs` did before some nodes moved.
+
+        Only faces that moved, and those near them, are tested.
+        """
+        faces = self.aligned.faces
+        moved = triples.some(triples.some(before != after).take(faces))
+        if not moved.any():
+            return pairs
+        (old, reach_old), (new, reach_new) = (
+            enclosing_balls(where.take(faces, axis=0)) for where in (before, after)
+        )
+        tree = cKDTree(np.concatenate((old[moved], new[moved])))
+        reach = max(float(reach_old[moved].max()), float(reach_new[moved].max()))
+        near = np.flatnonzero(tree.query(new)[0] <= (reach + reach_new) * (1.0 + 1e-9))
+        found = near[self_intersections(Surface(after, faces[near]))].astype(np.int32).reshape(-1, 2)
+        kept = pairs[~moved[pairs].any(axis=1)]
+        return np.concatenate((kept, found[moved[found].any(axis=1)]))
+
+    def _badness(self, positions: Float, pairs: Int) -> Float:
         """1 (m,) for the faces folded over or crossing others, though neither in `rest` nor `aligned`;
-        `SQUEEZED` for those squeezed, and 0 for the others."""
+        `SQUEEZED` for those squeezed, and 0 for the others. `pairs` (k, 2) are those that cross."""
         moved = self.aligned.moved(positions)
         out = SQUEEZED * _squeezed(self.rest, moved)
         out[folded(self.aligned, moved)] = 1.0
         out[flipped_faces(self.rest, moved)] = 1.0
-        out[np.setdiff1d(np.unique(self_intersections(moved)), self.crossing)] = 1.0
+        out[np.setdiff1d(np.unique(pairs), self.crossing)] = 1.0
         return out
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from femors_addon import morph as morphing
 from femors_addon.intersect import self_intersections
-from femors_addon.mend import mended
+from femors_addon.mend import _Patches, mended
 from femors_addon.mesh import Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
@@ -72,6 +72,22 @@ def test_mending_can_be_cancelled(ball):
 
     with pytest.raises(Cancelled):
         mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings(), cancel)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_crossings_around_what_moved_are_those_of_the_whole(ball, seed):
+    rng = np.random.default_rng(seed)
+    fine = sphere(4)
+    rough = fine.vertices + 0.4 * fine.mean_edge * rng.normal(size=fine.vertices.shape)
+    pairs = self_intersections(fine.moved(rough))
+    after = rough.copy()
+    nodes = rng.integers(0, len(rough), 30)
+    after[nodes] += 3.0 * fine.mean_edge * rng.normal(size=(30, 3))
+    work = _Patches(fine, fine, SurfaceIndex(fine), pairs[:0, 0], np.ones(len(rough), bool), MorphSettings())
+    got = work._crossed(pairs, rough, after)
+    whole = self_intersections(fine.moved(after))
+    assert len(whole) > len(pairs) / 2 and {*map(tuple, got)} == {*map(tuple, whole)}
+    assert len(got) == len(whole)
 
 
 def test_nodes_that_may_not_move_stay(ball):
