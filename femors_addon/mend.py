@@ -176,7 +176,8 @@ class _Patches:
         )
         tree = cKDTree(np.concatenate((old[moved], new[moved])))
         reach = max(float(reach_old[moved].max()), float(reach_new[moved].max()))
-        near = np.flatnonzero(tree.query(new)[0] <= (reach + reach_new) * (1.0 + 1e-9))
+        limit = (reach + reach_new) * (1.0 + 1e-9)
+        near = np.flatnonzero(tree.query(new, distance_upper_bound=float(limit.max()) * 1.01)[0] <= limit)
         found = near[self_intersections(Surface(after, faces[near]))].astype(np.int32).reshape(-1, 2)
         kept = pairs[~moved[pairs].any(axis=1)]
         return np.concatenate((kept, found[moved[found].any(axis=1)]))
