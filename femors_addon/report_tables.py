@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -29,7 +30,9 @@ WORDS = {
     "p01": "1st percentile",
     "p99": "99th percentile",
     "cpu_seconds": "CPU time (s)",
+    "solve_cpu_seconds": "CPU time of the removal (s)",
     "seconds": "Time (s)",
+    "femors": "FEMORS version",
     "stop_reason": "Verdict",
     "xor": "XOR volume",
     "rms": "RMS",
@@ -41,6 +44,14 @@ WORDS = {
     "other_name": "Compared with",
 }
 """Keys that say less than they should."""
+REMOVAL = {
+    "number": "iteration",
+    "missing": "depth left",
+    "pierced": "edges crossing",
+    "spread": "spread",
+}
+"""What the records of a removal of overclosure are about, by their keys."""
+LENGTH = "length in the unit of the meshes (log)"
 
 
 def words(key: str) -> str:
@@ -120,7 +131,9 @@ def _items(value: Any, caption: str = "") -> Iterator[Item]:
         plain = {k: v for k, v in value.items() if not isinstance(v, (Mapping, list, tuple))}
         yield from _records_or_pairs(plain, "" if stats else caption)
         for key, other in value.items():
-            if isinstance(other, (Mapping, list, tuple)) and not _is_stat(other):
+            if key == "history" and isinstance(other, list) and other:
+                yield from _history(other)
+            elif isinstance(other, (Mapping, list, tuple)) and not _is_stat(other):
                 yield from _items(other, words(key))
     elif value and all(isinstance(one, Mapping) for one in value):
         yield _records(value, caption)
@@ -150,20 +163,41 @@ def _records(records: Any, caption: str = "", most: int = LONGEST) -> Table:
 
 
 def _history(history: Any) -> Iterator[Item]:
-    """Plot what falls from iteration to iteration, then print it."""
-    numbers = [
-        key
-        for key in history[0]
-        if key not in ("iteration", "nodes", "level")
-        and all(isinstance(step.get(key), (int, float)) for step in history)
-    ]
-    series = {words(key): [(i + 1, step[key]) for i, step in enumerate(history)] for key in numbers[:4]}
-    drawn = curves(series, "iteration, all levels in turn", "length (log)")
-    if drawn:
+    """Plot what falls from iteration to iteration; the rows themselves are folded."""
+    if set(history[0]) == set(REMOVAL):
+        history = [{REMOVAL[key]: value for key, value in step.items()} for step in history]
+        yield from _removal(history)
+    else:
+        numbers = [
+            key
+            for key in history[0]
+            if key not in ("iteration", "nodes", "level")
+            and all(isinstance(step.get(key), (int, float)) for step in history)
+        ]
+        series = {words(key): [(i + 1, step[key]) for i, step in enumerate(history)] for key in numbers[:4]}
+        drawn = curves(series, "iteration, all levels in turn", LENGTH)
+        if drawn:
+            yield Figure(
+                drawn, "Convergence: one point for each iteration, from the coarsest level to the dense mesh."
+            )
+    yield dataclasses.replace(_records(history), caption=f"All {len(history)} iterations", folded=True)
+
+
+def _removal(history: Any) -> Iterator[Item]:
+    """Plot what a removal has left: lengths in one figure, counts in another."""
+
+    def series(*keys: str) -> dict[str, list[tuple[float, float]]]:
+        return {words(key): [(step["iteration"], step[key]) for step in history] for key in keys}
+
+    lengths = curves(series("depth left", "spread"), "iteration", LENGTH)
+    if lengths:
         yield Figure(
-            drawn, "Convergence: one point for each iteration, from the coarsest level to the dense mesh."
+            lengths,
+            "Depth left, the largest of all pairs, and spread of the displacement field at each iteration; "
+            "what is 0 has no point.",
         )
-    yield _records(history)
+    counts = curves(series("edges crossing"), "iteration", "edges", logarithmic=False)
+    yield Figure(counts, "Edges of the bodies that cross another body's surface at each iteration.")
 
 
 def _place(place: Any) -> str:

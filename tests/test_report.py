@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import html.parser
 import io
 import json
+import re
 import struct
 import zlib
 from xml.etree import ElementTree
@@ -18,6 +20,7 @@ from femors_addon import picture, plots, report_files, report_html, report_table
 from femors_addon.align import transformed
 from femors_addon.mesh import Surface
 from femors_addon.morph import morph
+from femors_addon.overclosure_result import Step
 from femors_addon.progress import FemorsError
 from femors_addon.report_figures import mesh_figures, morph_figures
 from femors_addon.report_transfer import Carried, dots, transfer_figures
@@ -118,6 +121,34 @@ def test_any_report_becomes_tables():
     assert "look &amp; see" in page and "100 in all" in page
     assert "<th>Gap</th><td" in page and "1 [0, 2] 3" in page and "<th>Still</th>" in page
     assert not Page(page).open
+
+
+def test_a_removals_convergence_has_plots_of_its_own():
+    """Lengths and counts are not on one axis, the iteration is no curve, and each curve has its key."""
+    steps = [Step(i + 1, 0.5**i, max(40 - 10 * i, 0), 2.0 - 0.1 * i) for i in range(6)]
+    report = {"history": [dataclasses.asdict(step) for step in steps], "solve_cpu_seconds": 3.25}
+    for nested in (report, {"overclosure": report}):
+        sections = report_tables.sections(nested)
+        items = sections[-1].items
+        lengths, counts = (one.content for one in items if isinstance(one, report_html.Figure))
+        assert ">Depth left</text>" in lengths and ">Spread</text>" in lengths
+        assert lengths.count("<polyline") == 2 and counts.count("<polyline") == 1
+        assert lengths.count("<circle") == 12 and counts.count("<circle") == 6, "a count of 0 is shown"
+        assert "Number" not in lengths and "ressing" not in lengths
+        page = report_html.html("t", "", sections)
+        assert "coarsest" not in page and "all levels" not in page and "Pierced" not in page
+        assert "CPU time of the removal (s)" in page
+        rows = page[page.index("<details>") : page.index("</details>")]
+        for head in ("Iteration", "Depth left", "Edges crossing", "Spread"):
+            assert f"<th>{head}</th>" in rows
+        assert not Page(page).open
+
+
+def test_a_legend_stays_within_its_plot():
+    names = [f"series {i}" for i in range(4)]
+    drawn = plots.curves({name: [(1, 1.0), (2, 2.0)] for name in names}, "x", "y")
+    places = [float(re.search(rf'x="([^"]+)" y="17">{name}<', drawn)[1]) for name in names]
+    assert max(places) < plots.WIDTH - 80
 
 
 def pixels(data: bytes) -> np.ndarray:
