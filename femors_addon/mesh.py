@@ -21,6 +21,9 @@ TOPOLOGY = ("edges", "edge_faces", "border", "components", "adjacency", "vertex_
 PROBES = 12  # vertices of a component that are looked at to tell whether it lies in another
 FLAT = 1e-10  # of its area to the power 1.5: a component of less volume has no inside
 
+MERGED = "merged for the maths"
+"""How a note ends that is no warning: any STL file has each vertex several times."""
+
 
 def frozen(array: ArrayLike, dtype: type, columns: int) -> NDArray:
     """Return a read-only, contiguous (n, columns) array of the dtype; what is so already is not copied."""
@@ -295,7 +298,7 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     to_clean = lookup[merged]
     shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
     if shared:
-        notes.append(f"{shared} vertices stood twice or more and were merged for the maths")
+        notes.append(f"{shared} vertices stood twice or more and were {MERGED}")
     unused = int((to_clean < 0).sum())
     if unused:
         notes.append(f"{unused} vertices belong to no face")

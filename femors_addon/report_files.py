@@ -18,7 +18,6 @@ from .report_tables import flat, sections
 from .versions import versions
 
 ENDINGS = (".html", ".htm", ".json", ".csv")
-ENDINGS_HELP = ".html is a page with tables and plots, .json and .csv are data"
 HELP = "settings, history, every figure: .html is a page with pictures and plots, .json and .csv are data"
 
 

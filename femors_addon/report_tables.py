@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from .mesh import MERGED
 from .plots import curves, number
 from .report_html import Figure, Item, Section, Table, Warnings
 
@@ -67,8 +69,9 @@ def sections(report: Mapping[str, Any]) -> list[Section]:
     report : dict
         As JSON would have it. Known by their keys: ``before`` and ``after`` (compared), ``history`` (a
         list of records, one per iteration), ``settings``, ``warnings``, ``faults``, ``notes``. Other
-        dictionaries become sections of their own.
+        dictionaries become sections of their own. Of ``files`` the folders are left out.
     """
+    report = _with_base_names(report)
     plain = {k: v for k, v in report.items() if not isinstance(v, (Mapping, list, tuple))}
     out = [Section("Summary", (*_loud(report), *_records_or_pairs(plain)))]
     if isinstance(report.get("before"), Mapping) and isinstance(report.get("after"), Mapping):
@@ -115,8 +118,42 @@ def _loud(report: Mapping[str, Any]) -> Iterator[Item]:
     lines = tuple(
         str(line) for key in LOUD if isinstance(report.get(key), (list, tuple)) for line in report[key]
     )
-    if lines:
-        yield Warnings(lines)
+    quiet = tuple(line for line in lines if line.endswith(MERGED))
+    loud = tuple(line for line in lines if line not in quiet)
+    if loud:
+        yield Warnings(loud)
+    if quiet:
+        yield Warnings(quiet, loud=False)
+
+
+def _with_base_names(report: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a report whose files, and what is said of them, have no folders; names stay different."""
+    known = report.get("files")
+    if not isinstance(known, Mapping):
+        return report
+    given = [value for value in known.values() if isinstance(value, str)]
+    given += [one for value in known.values() if isinstance(value, (list, tuple)) for one in value]
+    bases = [os.path.basename(os.path.normpath(path)) for path in dict.fromkeys(given)]
+    short = {
+        path: base
+        for path, base in zip(dict.fromkeys(given), bases, strict=True)
+        if bases.count(base) == 1 and os.path.sep in path
+    }
+
+    def named(value: Any) -> Any:
+        if isinstance(value, (list, tuple)):
+            return [named(one) for one in value]
+        return short.get(value, value) if isinstance(value, str) else value
+
+    def told(line: Any) -> Any:
+        path = next((path for path in short if str(line).startswith(f"{path}: ")), None)
+        return line if path is None else short[path] + str(line)[len(path) :]
+
+    out = {**report, "files": {key: named(value) for key, value in known.items()}}
+    for key in LOUD:
+        if isinstance(report.get(key), (list, tuple)):
+            out[key] = [told(line) for line in report[key]]
+    return out
 
 
 def _items(value: Any, caption: str = "") -> Iterator[Item]:

@@ -18,7 +18,7 @@ import pytest
 
 from femors_addon import picture, plots, report_files, report_html, report_tables
 from femors_addon.align import transformed
-from femors_addon.mesh import Surface
+from femors_addon.mesh import Surface, clean
 from femors_addon.morph import morph
 from femors_addon.overclosure_result import Step
 from femors_addon.progress import FemorsError
@@ -142,6 +142,37 @@ def test_a_removals_convergence_has_plots_of_its_own():
         for head in ("Iteration", "Depth left", "Edges crossing", "Spread"):
             assert f"<th>{head}</th>" in rows
         assert not Page(page).open
+
+
+def test_a_page_has_base_names_and_notes_apart_from_warnings():
+    merged = clean(*soup(), "mesh").notes[0].partition(": ")[2]
+    report = {
+        "femors": "1.2",
+        "files": {"source": "/far/away/a.stl", "out": "/x/a.stl", "target": "/far/b.stl", "field": None},
+        "warnings": [f"/far/b.stl: {merged}", "/far/b.stl: is odd"],
+    }
+    kept = json.dumps(report)
+    page = report_html.html("t", "", report_tables.sections(report))
+    assert json.dumps(report) == kept
+    assert "FEMORS version" in page and "Femors" not in page
+    assert ">b.stl</td>" in page and ">/far/away/a.stl</td>" in page, (
+        "two files of one name keep their folders"
+    )
+    assert '<ul class="warn"><li>b.stl: is odd</li></ul>' in page
+    assert f'<ul class="note"><li>b.stl: {merged}</li></ul>' in page
+
+
+def soup():
+    ball = pair(100, 100).source
+    return ball.vertices[ball.faces.ravel()], np.arange(ball.faces.size).reshape(-1, 3)
+
+
+def test_lengths_without_a_unit_say_whose_they_are():
+    ball = pair(200, 200).source
+    values = {"displacement": ball.vertices[:, 0] - ball.vertices[:, 0].min()}
+    for unit, words in (("", "(in the unit of the meshes)"), ("mm", "(mm)")):
+        page = report_html.html("t", "", mesh_figures(ball, None, values, unit))
+        assert page.count(f">Displacement {words}</text>") == 2, "the legend and the histogram"
 
 
 def test_a_legend_stays_within_its_plot():
