@@ -298,7 +298,7 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     to_clean = lookup[merged]
     shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
     if shared:
-        notes.append(f"{shared} vertices stood twice or more and were {MERGED}")
+        notes.append(f"{shared} vertices stood twice or more and were merged for the maths")
     unused = int((to_clean < 0).sum())
     if unused:
         notes.append(f"{unused} vertices belong to no face")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .files import Location
+from .files import Location, check_no_folder
 from .progress import FemorsError
 from .report_html import Section, Table, html
 from .report_tables import flat, sections
@@ -25,6 +25,7 @@ def check_ending(path: Location) -> str:
     """Return a report's ending in lower case, or raise `FemorsError`: before a long computation."""
     ending = Path(path).suffix.lower()
     if ending not in ENDINGS:
+        check_no_folder(path)
         raise FemorsError(f"{path}: a report ends in {', '.join(ENDINGS)}")
     return ending
 
