@@ -256,6 +256,10 @@ def _cell(value: Any) -> str:
             else f"99 % {number(value['p99'])}"
         )
         return f"{number(value['median'])} {low} {number(value['maximum'])}"
+    if isinstance(value, Mapping):
+        if set(value) == {"before", "after"}:
+            return f"{_cell(value['before'])} \u2192 {_cell(value['after'])}"
+        return ", ".join(f"{words(key)}: {_cell(one)}" for key, one in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

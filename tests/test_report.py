@@ -108,6 +108,7 @@ def test_any_report_becomes_tables():
     report = {
         "pairs": [{"bodies": "a, b", "depth": 0.5}, {"bodies": "b, c", "depth": 0.25, "more": True}],
         "left": {"before": {"gap": stat, "count": 7}, "after": {"gap": stat, "count": 0}},
+        "bodies": [{"name": "a", "aspect": {"before": stat, "after": stat}, "odd": {"k": 2}}],
         "deep": {"er": {"still": 3}},
         "warnings": ["look & see"],
         "matrix": [[1.0, 0.0], [0.0, 1.0]],
@@ -116,9 +117,18 @@ def test_any_report_becomes_tables():
         "none": [],
     }
     found = report_tables.sections(report)
-    assert [section.title for section in found] == ["Summary", "Pairs", "Left", "Deep", "Matrix", "Long"]
+    assert [section.title for section in found] == [
+        "Summary",
+        "Pairs",
+        "Left",
+        "Bodies",
+        "Deep",
+        "Matrix",
+        "Long",
+    ]
     page = report_html.html("t", "", found)
     assert "look &amp; see" in page and "100 in all" in page
+    assert "1 [0, 2] 3 \u2192 1 [0, 2] 3" in page and "K: 2" in page and "{" not in page.split("</style>")[1]
     assert "<th>Gap</th><td" in page and "1 [0, 2] 3" in page and "<th>Still</th>" in page
     assert not Page(page).open
 
