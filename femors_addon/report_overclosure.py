@@ -10,11 +10,12 @@ import numpy as np
 from .bodies import Body
 from .mesh import Float, Int, Surface
 from .overclosure_check import gap_map
-from .picture import BONE, Shown, picture, views
+from .picture import BONE, Shown, facing, picture, views
 from .plots import histogram
 from .report_figures import SOURCE, TARGET, heat_pictures, with_unit
 from .report_html import Figure, Item, Section
 
+NEAREST = 1.0  # per cent of a body's vertices: those nearest another body are to be seen
 COLOURS = (BONE, TARGET, SOURCE, (0.45, 0.66, 0.38), (0.72, 0.60, 0.75))
 MOST = 6  # bodies that have pictures of their own
 EDGES = 3.0  # mean edges around a body in which gaps are shown, or
@@ -67,14 +68,17 @@ def overclosure_figures(
     told = [name for name in shapes if near[name] or moved[name].any()]
     for name in told[:MOST]:
         surface, rows = shapes[name]
+        least = np.minimum.reduce([gaps[state][name][rows] for state in states])
+        touching = surface.vertices[least <= np.percentile(least, NEAREST)]
+        own = [facing(sight, [touching]) for sight in views([surface])]
         if moved[name].any():
             here = surface.moved(states["after"][name][rows])
             items.append(f"{name}: how far it was moved.")
-            items += heat_pictures(here, {"displacement": moved[name][rows]}, views([here]), unit)
+            items += heat_pictures(here, {"displacement": moved[name][rows]}, own, unit)
         for state, nodes in states.items() if near[name] else ():
             here = surface.moved(nodes[name][rows])
             items.append(f"{name}, {state}: gap to the nearest other body; negative inside it.")
-            items += heat_pictures(here, {"gap": gaps[state][name][rows]}, views([here]), unit)
+            items += heat_pictures(here, {"gap": gaps[state][name][rows]}, own, unit)
     if len(told) > MOST:
         items.append(f"Pictures of the first {MOST} of {len(told)} bodies that touch others or were moved.")
     plots = []

@@ -185,6 +185,16 @@ def test_lengths_without_a_unit_say_whose_they_are():
         assert page.count(f">Displacement {words}</text>") == 2, "the legend and the histogram"
 
 
+def test_a_view_turns_to_what_is_to_be_seen():
+    ball = pair(100, 100).source
+    for sight in picture.views([ball]):
+        for side in (1.0, -1.0):
+            spot = sight.centre + side * sight.towards[None]
+            seen = picture.facing(sight, [spot])
+            assert ((spot - seen.centre) @ seen.towards).item() > 0
+            assert np.linalg.det([seen.right, seen.up, seen.towards]) > 0
+
+
 def test_a_legend_stays_within_its_plot():
     names = [f"series {i}" for i in range(4)]
     drawn = plots.curves({name: [(1, 1.0), (2, 2.0)] for name in names}, "x", "y")
