@@ -233,8 +233,17 @@ def _removal(history: Any) -> Iterator[Item]:
             "Depth left, the largest of all pairs, and spread of the displacement field at each iteration; "
             "what is 0 has no point.",
         )
-    counts = curves(series("edges crossing"), "iteration", "edges", logarithmic=False)
-    yield Figure(counts, "Edges of the bodies that cross another body's surface at each iteration.")
+    points = series("edges crossing")
+    first = next((i for i, step in enumerate(history) if step["edges crossing"]), None)
+    if first is None:
+        yield "Edges crossing: none; they are counted once a pair is nearly apart."
+        return
+    counts = curves({key: some[first:] for key, some in points.items()}, "iteration", "edges", False)
+    yield Figure(
+        counts,
+        "Edges of the bodies that cross another body's surface. They are counted once a pair is nearly "
+        "apart, so the first point is the first count above 0.",
+    )
 
 
 def _place(place: Any) -> str:

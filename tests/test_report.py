@@ -135,7 +135,8 @@ def test_any_report_becomes_tables():
 
 def test_a_removals_convergence_has_plots_of_its_own():
     """Lengths and counts are not on one axis, the iteration is no curve, and each curve has its key."""
-    steps = [Step(i + 1, 0.5**i, max(40 - 10 * i, 0), 2.0 - 0.1 * i) for i in range(6)]
+    counts_of = (0, 0, 40, 10, 0, 0)  # not counted yet in the first two
+    steps = [Step(i + 1, 0.5**i, count, 2.0 - 0.1 * i) for i, count in enumerate(counts_of)]
     report = {"history": [dataclasses.asdict(step) for step in steps], "solve_cpu_seconds": 3.25}
     for nested in (report, {"overclosure": report}):
         sections = report_tables.sections(nested)
@@ -143,7 +144,7 @@ def test_a_removals_convergence_has_plots_of_its_own():
         lengths, counts = (one.content for one in items if isinstance(one, report_html.Figure))
         assert ">Depth left</text>" in lengths and ">Spread</text>" in lengths
         assert lengths.count("<polyline") == 2 and counts.count("<polyline") == 1
-        assert lengths.count("<circle") == 12 and counts.count("<circle") == 6, "a count of 0 is shown"
+        assert lengths.count("<circle") == 12 and counts.count("<circle") == 4, "a count of 0 is shown"
         assert "Number" not in lengths and "ressing" not in lengths
         page = report_html.html("t", "", sections)
         assert "coarsest" not in page and "all levels" not in page and "Pierced" not in page
@@ -152,6 +153,13 @@ def test_a_removals_convergence_has_plots_of_its_own():
         for head in ("Iteration", "Depth left", "Edges crossing", "Spread"):
             assert f"<th>{head}</th>" in rows
         assert not Page(page).open
+
+
+def test_edges_that_were_never_counted_have_no_plot():
+    report = {"history": [dataclasses.asdict(Step(1, 0.5, 0, 2.0))]}
+    items = report_tables.sections(report)[0].items
+    assert [type(one).__name__ for one in items] == ["Figure", "str", "Table"]
+    assert items[1].startswith("Edges crossing: none")
 
 
 def test_a_page_has_base_names_and_notes_apart_from_warnings():
