@@ -20,6 +20,7 @@ from . import (
     cli_transfer,
     deckfiles,
     files,
+    keptfield,
     landmarkfiles,
 )
 from .align import inverse, transformed
@@ -173,6 +174,8 @@ def _morph(args: argparse.Namespace, console: Console) -> int:
     deckfiles.suffix_of(args.out)
     if args.report is not None:
         check_ending(args.report)
+    if args.field is not None:
+        keptfield.check_ending(args.field)
     files.check_writable(args.out, *others)
     *pairs, names = _landmarks(landmarks)
     source, target = deckfiles.read(args.source), deckfiles.read(args.target)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ from .meshfiles import MeshFile
 from .overclosure import OverclosureResult, check_overclosure, remove_overclosure
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError
-from .report_files import ENDINGS_HELP, check_ending, report_bytes
+from .report_files import HELP, check_ending, report_bytes
+from .report_html import Section
+from .report_overclosure import overclosure_figures
 from .volume import VolumeMesh
 
 DONE, IMPERFECT = 0, 1
@@ -113,9 +116,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--check", action="store_true", help="only say which bodies overlap, how deep and where; move nothing"
     )
-    parser.add_argument(
-        "--report", metavar="R", help="pairs, bodies, settings and every figure; " + ENDINGS_HELP
-    )
+    parser.add_argument("--report", metavar="R", help="pairs, bodies, " + HELP)
     add_settings(parser, OverclosureSettings, {})
 
 
@@ -140,7 +141,7 @@ def run(args: argparse.Namespace, console: Console, version: str) -> int:
         return _check(args, console, version, bodies, settings, exclude, gaps)
     result = remove_overclosure(bodies, settings, console.progress, exclude=exclude, gaps=gaps)
     console.end_progress()
-    _write(args, console, version, sources, outputs, result)
+    _write(args, console, version, sources, outputs, bodies, exclude, result)
     return DONE if result.certified else IMPERFECT
 
 
@@ -163,7 +164,9 @@ def _check(
         pairs = [finding.as_dict() for finding in found]
         report = {"femors": version, "files": names, "clear": all(f.clear for f in found), "pairs": pairs}
         report["warnings"] = notes
-        files.write_bytes(args.report, _encoded(args, report))
+        deepest = max((finding.depth for finding in found), default=0.0)
+        figures = functools.partial(overclosure_figures, bodies, None, deepest, exclude)
+        files.write_bytes(args.report, _encoded(args, report, figures))
         console.written = True
     for note in () if args.quiet else notes:
         console.warn(f"note: {note}")
@@ -180,6 +183,8 @@ def _write(
     version: str,
     sources: list[Source],
     outputs: list[Path],
+    bodies: list[Body],
+    exclude: list[tuple[str, str]],
     result: OverclosureResult,
 ) -> None:
     """Write every file, under its own name, and the report."""
@@ -199,7 +204,9 @@ def _write(
     Path(args.out).mkdir(parents=True, exist_ok=True)
     with files.replacing(*written, *report) as new:
         for temporary, data in zip(
-            new, [*written.values(), *(_report(args, version, result) for _ in report)], strict=True
+            new,
+            [*written.values(), *(_report(args, version, bodies, exclude, result) for _ in report)],
+            strict=True,
         ):
             temporary.write_bytes(data)
     console.written = True
@@ -212,13 +219,24 @@ def _write(
         console.warn(f"not reached: {reason}; {state}")
 
 
-def _report(args: argparse.Namespace, version: str, result: OverclosureResult) -> bytes:
+def _report(
+    args: argparse.Namespace,
+    version: str,
+    bodies: list[Body],
+    exclude: list[tuple[str, str]],
+    result: OverclosureResult,
+) -> bytes:
     names = {"sources": args.sources, "out": args.out}
-    return _encoded(args, {"femors": version, "files": names, **result.report()})
+    deepest = max((finding.depth for finding in result.before), default=0.0)
+    after = None if result.untouched else {body.name: body.nodes for body in result.bodies}
+    figures = functools.partial(overclosure_figures, bodies, after, deepest, exclude)
+    return _encoded(args, {"femors": version, "files": names, **result.report()}, figures)
 
 
-def _encoded(args: argparse.Namespace, report: Mapping[str, Any]) -> bytes:
-    return report_bytes(args.report, report, f"Overclosure of {len(args.sources)} bodies")
+def _encoded(
+    args: argparse.Namespace, report: Mapping[str, Any], figures: Callable[[], list[Section]]
+) -> bytes:
+    return report_bytes(args.report, report, f"Overclosure of {len(args.sources)} bodies", figures)
 
 
 # --- what is asked for --------------------------------------------------------------------------------

@@ -29,8 +29,8 @@ from .version import version
 
 EXIT_CODES = """exit codes:
   0    done
-  1    the result is written, but nothing was within the field's reach, or the input lay there already,
-       or a template's morph did not converge; the reason is on stderr
+  1    the result is written, but nothing was within the field's reach, or the input lay there already
+       or seems to be in another unit, or a template's morph did not converge; the reason is on stderr
   2    bad input or usage: one line on stderr, nothing is written
   3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
   130  interrupted (Ctrl-C); the last line says if anything is written
@@ -169,7 +169,9 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
     else:
         before, world, moved = _deck(transfer, thing, progress)
         written = deckfiles.written(thing.with_coordinates(moved.points), Path(out))
-    moved = dataclasses.replace(moved, notes=(*moved.notes, *written.notes))
+    unlike = transfer.unlike(before)
+    notes = [note for note in moved.notes if not unlike or note not in transfer.small(before)]
+    moved = dataclasses.replace(moved, notes=(*notes, *written.notes), faults=tuple(unlike) or moved.faults)
     return _Output(path, written.files, moved, None, lambda: carried(before, world, (), _faces(thing)))
 
 

@@ -106,7 +106,12 @@ def _same(one: str, two: str) -> bool:
         return False
 
 
-TICKS = {"tick Convert units": "pass --fix-units", "tick Mirror if better": "pass --fix-mirror"}
+TICKS = {
+    "tick Convert units": "pass --fix-units",
+    "tick Mirror if better": "pass --fix-mirror",
+    "go the other way (inverse)": "go the other way (pass --inverse)",
+    "go the other way (without inverse)": "go the other way (leave out --inverse)",
+}
 
 
 def for_command(text: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from . import feb, inp, inp_write, meshfiles, meshio_files, nastran, vtk_poly
 from .deck import Deck, Load, Part
-from .files import Location, read_bytes
+from .files import Location, check_no_folder, read_bytes
 from .mesh import Int
 from .meshfiles import MeshFile
 from .progress import FemorsError
@@ -51,6 +51,7 @@ def suffix_of(path: Location) -> str:
     """Return a path's ending in lower case; raise `FemorsError` where it is no known format."""
     suffix = Path(path).suffix.lower()
     if suffix not in ENDINGS:
+        check_no_folder(path)
         raise FemorsError(f"{path}: '{suffix}' is not a known kind of file; use {', '.join(ENDINGS)}")
     return suffix
 

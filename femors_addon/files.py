@@ -31,7 +31,7 @@ def read_bytes(path: Location) -> bytes:
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISDIR(mode):
-            raise FemorsError(f"{path}: is a folder; a file is needed")
+            raise FemorsError(f"{path}: is a folder; name a file")
         if not stat.S_ISREG(mode):
             raise FemorsError(f"{path}: is not a regular file")
         data = Path(path).read_bytes()
@@ -40,6 +40,12 @@ def read_bytes(path: Location) -> bytes:
     if not data:
         raise FemorsError(f"{path}: is empty")
     return data
+
+
+def check_no_folder(path: Location) -> None:
+    """Raise `FemorsError` for a folder: before its name is found to lack a file's ending."""
+    if "\0" not in os.fspath(path) and os.path.isdir(path):
+        raise FemorsError(f"{path}: is a folder; name a file")
 
 
 def check_writable(*paths: Location) -> None:

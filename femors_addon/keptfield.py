@@ -10,16 +10,18 @@ import dataclasses
 import io
 import json
 import zlib
+from pathlib import Path
 from typing import IO, Any
 from zipfile import BadZipFile
 
 import numpy as np
 
 from .align import inverse, transformed
-from .files import Location, read_bytes, write_bytes
+from .files import Location, check_no_folder, read_bytes, write_bytes
 from .mesh import Float, Int, Surface, frozen
 from .progress import FemorsError
 
+ENDING = ".npz"
 LAYOUT = 2
 """Of the file. 1 had no faces, residual, names, date and figures; it is still read."""
 
@@ -146,6 +148,13 @@ class KeptField:
     def save(self, path: Location) -> None:
         """Write the field as an ``.npz`` file, whole or not at all."""
         write_bytes(path, self.encoded())
+
+
+def check_ending(path: Location) -> None:
+    """Raise `FemorsError` where a field's file would have another ending: before a long computation."""
+    if Path(path).suffix.lower() != ENDING:
+        check_no_folder(path)
+        raise FemorsError(f"{path}: a field's file ends in {ENDING}")
 
 
 def load(path: Location) -> KeptField:

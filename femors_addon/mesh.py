@@ -21,6 +21,9 @@ TOPOLOGY = ("edges", "edge_faces", "border", "components", "adjacency", "vertex_
 PROBES = 12  # vertices of a component that are looked at to tell whether it lies in another
 FLAT = 1e-10  # of its area to the power 1.5: a component of less volume has no inside
 
+MERGED = "merged for the maths"
+"""How a note ends that is no warning: any STL file has each vertex several times."""
+
 
 def frozen(array: ArrayLike, dtype: type, columns: int) -> NDArray:
     """Return a read-only, contiguous (n, columns) array of the dtype; what is so already is not copied."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import obj, ply, stl
-from .files import Location, read_bytes, write_bytes
+from .files import Location, check_no_folder, read_bytes, write_bytes
 from .mesh import Float, Int, Surface, frozen, triangulate
 from .progress import FemorsError
 
@@ -111,5 +111,6 @@ def check_suffix(path: Location) -> str:
     """Return the path's ending in lower case; raise `FemorsError` where it is no known format."""
     suffix = Path(path).suffix.lower()
     if suffix not in FORMATS:
+        check_no_folder(path)
         raise FemorsError(f"{path}: '{suffix}' is not a known kind of mesh file; use {', '.join(FORMATS)}")
     return suffix

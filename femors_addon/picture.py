@@ -73,6 +73,12 @@ def views(surfaces: list[Surface], count: int = 2) -> list[View]:
     return out
 
 
+def facing(sight: View, points: list[Float]) -> View:
+    """Return a view, or that from behind where things' points, (p, 3) each, are on that side."""
+    depth = sum(float(((some - sight.centre) @ sight.towards).mean()) for some in points)
+    return sight if depth >= 0 else dataclasses.replace(sight, right=-sight.right, towards=-sight.towards)
+
+
 def picture(shown: list[Shown], view: View, height: int = 480) -> bytes:
     """Return a PNG of surfaces on white, lit from the eye's upper left."""
     tall = height * FINER

@@ -60,8 +60,10 @@ def histogram(series: Mapping[str, ArrayLike], label: str, what: str = "vertices
     return frame.svg("".join(parts), label, f"% of {what}", list(samples))
 
 
-def curves(series: Mapping[str, Sequence[tuple[float, float]]], label: str, side: str) -> str:
-    """Return curves over a horizontal axis, logarithmic upwards; values that are not positive are left out.
+def curves(
+    series: Mapping[str, Sequence[tuple[float, float]]], label: str, side: str, logarithmic: bool = True
+) -> str:
+    """Return curves over a horizontal axis; upwards logarithmic, without what is not positive, or from 0.
 
     Parameters
     ----------
@@ -69,19 +71,23 @@ def curves(series: Mapping[str, Sequence[tuple[float, float]]], label: str, side
         (x, y) by name.
     label, side : str
         Of the horizontal and of the vertical axis.
+    logarithmic : bool
+        Upwards.
     """
-    kept = {name: [(x, y) for x, y in points if y > 0] for name, points in series.items()}
+    kept = {name: [(x, y) for x, y in points if y > 0 or not logarithmic] for name, points in series.items()}
     kept = {name: points for name, points in kept.items() if points}
     if not kept:
         return ""
     every = [point for points in kept.values() for point in points]
-    xs, ys = [x for x, _ in every], [math.log10(y) for _, y in every]
-    low, high = min(ys), max(ys)
+    height = math.log10 if logarithmic else float
+    xs, ys = [x for x, _ in every], [height(y) for _, y in every]
+    low, high = (min(ys), max(ys)) if logarithmic else (min(0.0, *ys), max(1.0, *ys))
     room = max(0.06 * (high - low), 0.05)
-    frame = _Frame((min(xs), max(*xs, min(xs) + 1)), (low - room, high + room), logarithmic=True)
+    up = (low - room if logarithmic else low, high + room)
+    frame = _Frame((min(xs), max(*xs, min(xs) + 1)), up, logarithmic)
     parts = []
     for (name, points), ink in zip(kept.items(), INKS, strict=False):
-        places = [(frame.x(x), frame.y(math.log10(y))) for x, y in points]
+        places = [(frame.x(x), frame.y(height(y))) for x, y in points]
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
         parts.append(f'<polyline points="{path}" fill="none" stroke="{ink}" stroke-width="1.5"/>')
         parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" fill="{ink}"/>' for x, y in places]
@@ -101,7 +107,7 @@ def bar(name: str, low: float, high: float, label: str) -> str:
         for share, value in ((0.0, low), (0.5, (low + high) / 2), (1.0, high))
     )
     return (
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 360 52" width="360" height="52" '
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 440 52" width="440" height="52" '
         'font-size="11" font-family="sans-serif" shape-rendering="crispEdges">'
         f'<text x="20" y="12">{escape(label)}</text>{stops}{words}</svg>'
     )
@@ -145,9 +151,10 @@ class _Frame:
             words = number(10**value if self._logarithmic else value)
             marks.append(f'<path d="M{LEFT} {at:.1f}H{WIDTH - RIGHT}" stroke="#ddd"/>')
             marks.append(f'<text x="{LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{words}</text>')
+        apart = min(130, (WIDTH - LEFT) // max(len(names), 1))
         keys = "".join(
-            f'<rect x="{LEFT + 8 + 130 * i}" y="8" width="10" height="10" fill="{ink}"/>'
-            f'<text x="{LEFT + 22 + 130 * i}" y="17">{escape(name)}</text>'
+            f'<rect x="{LEFT + apart * i}" y="8" width="10" height="10" fill="{ink}"/>'
+            f'<text x="{LEFT + 14 + apart * i}" y="17">{escape(name)}</text>'
             for i, (name, ink) in enumerate(zip(names, INKS, strict=False))
             if len(names) > 1
         )

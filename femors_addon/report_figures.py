@@ -140,8 +140,8 @@ def _spread(surface: Surface, values: Mapping[str, ArrayLike], unit: str) -> lis
 
 
 def with_unit(label: str, unit: str) -> str:
-    """Return what an axis says, with the unit where it is known."""
-    return f"{label} ({unit})" if unit else label
+    """Return what an axis says, with the unit, or whose it is where it is not known."""
+    return f"{label} ({unit or 'in the unit of the meshes'})"
 
 
 def _from_all(shown: list[Shown], sights: list[View], name: str) -> list[Item]:

@@ -11,14 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .files import Location
+from .files import Location, check_no_folder
 from .progress import FemorsError
 from .report_html import Section, Table, html
 from .report_tables import flat, sections
 from .versions import versions
 
 ENDINGS = (".html", ".htm", ".json", ".csv")
-ENDINGS_HELP = ".html is a page with tables and plots, .json and .csv are data"
 HELP = "settings, history, every figure: .html is a page with pictures and plots, .json and .csv are data"
 
 
@@ -26,6 +25,7 @@ def check_ending(path: Location) -> str:
     """Return a report's ending in lower case, or raise `FemorsError`: before a long computation."""
     ending = Path(path).suffix.lower()
     if ending not in ENDINGS:
+        check_no_folder(path)
         raise FemorsError(f"{path}: a report ends in {', '.join(ENDINGS)}")
     return ending
 

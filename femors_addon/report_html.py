@@ -20,17 +20,19 @@ thead th{border-bottom:1.5px solid #888}
 .figures{display:flex;flex-wrap:wrap;gap:1em;align-items:flex-end}figure{margin:.5em 0}
 figcaption{font-size:13px;color:#555;max-width:460px}img,svg{max-width:100%;height:auto}
 ul.warn{background:#fff6e0;border-left:4px solid #e0a030;padding:.5em .5em .5em 2em}
+ul.note{color:#555;padding-left:1.2em}summary{cursor:pointer}
 @media print{body{max-width:none;margin:0}figure,table{break-inside:avoid}}
 """
 
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Rows of text under a head; columns after the first are numbers."""
+    """Rows of text under a head; columns after the first are numbers. Folded, a click shows it."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
+    folded: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,9 +45,10 @@ class Figure:
 
 @dataclasses.dataclass(frozen=True)
 class Warnings:
-    """Sentences that a reader must not miss."""
+    """Sentences that a reader must not miss; where they are not loud, that are good to know."""
 
     lines: tuple[str, ...]
+    loud: bool = True
 
 
 Item = str | Table | Figure | Warnings
@@ -84,7 +87,7 @@ def _section(section: Section) -> str:
             out.append(_table(item))
         elif isinstance(item, Warnings):
             lines = "".join(f"<li>{escape(line)}</li>" for line in item.lines)
-            out.append(f'<ul class="warn">{lines}</ul>\n')
+            out.append(f'<ul class="{"warn" if item.loud else "note"}">{lines}</ul>\n')
         elif item:
             out.append(f"<p>{escape(item)}</p>\n")
     return "".join(out)
@@ -105,11 +108,12 @@ def _aligned(cell: str) -> str:
 
 
 def _table(table: Table) -> str:
-    caption = f"<h3>{escape(table.caption)}</h3>" if table.caption else ""
+    caption = f"<h3>{escape(table.caption)}</h3>" if table.caption and not table.folded else ""
     head = "".join(f"<th>{escape(cell)}</th>" for cell in table.head)
     head = f"<thead><tr>{head}</tr></thead>" if any(table.head) else ""
     rows = []
     for first, *others in table.rows:
         cells = "".join(f"<td{_aligned(cell)}>{escape(cell)}</td>" for cell in others)
         rows.append(f"<tr><th>{escape(first)}</th>{cells}</tr>")
-    return f"{caption}<table>{head}<tbody>{''.join(rows)}</tbody></table>\n"
+    out = f"{caption}<table>{head}<tbody>{''.join(rows)}</tbody></table>\n"
+    return f"<details><summary>{escape(table.caption)}</summary>{out}</details>\n" if table.folded else out

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import os
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from .mesh import MERGED
 from .plots import curves, number
 from .report_html import Figure, Item, Section, Table, Warnings
 
@@ -29,7 +32,9 @@ WORDS = {
     "p01": "1st percentile",
     "p99": "99th percentile",
     "cpu_seconds": "CPU time (s)",
+    "solve_cpu_seconds": "CPU time of the removal (s)",
     "seconds": "Time (s)",
+    "femors": "FEMORS version",
     "stop_reason": "Verdict",
     "xor": "XOR volume",
     "rms": "RMS",
@@ -41,6 +46,14 @@ WORDS = {
     "other_name": "Compared with",
 }
 """Keys that say less than they should."""
+REMOVAL = {
+    "number": "iteration",
+    "missing": "depth left",
+    "pierced": "edges crossing",
+    "spread": "spread",
+}
+"""What the records of a removal of overclosure are about, by their keys."""
+LENGTH = "length in the unit of the meshes (log)"
 
 
 def words(key: str) -> str:
@@ -56,8 +69,9 @@ def sections(report: Mapping[str, Any]) -> list[Section]:
     report : dict
         As JSON would have it. Known by their keys: ``before`` and ``after`` (compared), ``history`` (a
         list of records, one per iteration), ``settings``, ``warnings``, ``faults``, ``notes``. Other
-        dictionaries become sections of their own.
+        dictionaries become sections of their own. Of ``files`` the folders are left out.
     """
+    report = _with_base_names(report)
     plain = {k: v for k, v in report.items() if not isinstance(v, (Mapping, list, tuple))}
     out = [Section("Summary", (*_loud(report), *_records_or_pairs(plain)))]
     if isinstance(report.get("before"), Mapping) and isinstance(report.get("after"), Mapping):
@@ -104,8 +118,42 @@ def _loud(report: Mapping[str, Any]) -> Iterator[Item]:
     lines = tuple(
         str(line) for key in LOUD if isinstance(report.get(key), (list, tuple)) for line in report[key]
     )
-    if lines:
-        yield Warnings(lines)
+    quiet = tuple(line for line in lines if line.endswith(MERGED))
+    loud = tuple(line for line in lines if line not in quiet)
+    if loud:
+        yield Warnings(loud)
+    if quiet:
+        yield Warnings(quiet, loud=False)
+
+
+def _with_base_names(report: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a report whose files, and what is said of them, have no folders; names stay different."""
+    known = report.get("files")
+    if not isinstance(known, Mapping):
+        return report
+    given = [value for value in known.values() if isinstance(value, str)]
+    given += [one for value in known.values() if isinstance(value, (list, tuple)) for one in value]
+    bases = [os.path.basename(os.path.normpath(path)) for path in dict.fromkeys(given)]
+    short = {
+        path: base
+        for path, base in zip(dict.fromkeys(given), bases, strict=True)
+        if bases.count(base) == 1 and os.path.sep in path
+    }
+
+    def named(value: Any) -> Any:
+        if isinstance(value, (list, tuple)):
+            return [named(one) for one in value]
+        return short.get(value, value) if isinstance(value, str) else value
+
+    def told(line: Any) -> Any:
+        path = next((path for path in short if str(line).startswith(f"{path}: ")), None)
+        return line if path is None else short[path] + str(line)[len(path) :]
+
+    out = {**report, "files": {key: named(value) for key, value in known.items()}}
+    for key in LOUD:
+        if isinstance(report.get(key), (list, tuple)):
+            out[key] = [told(line) for line in report[key]]
+    return out
 
 
 def _items(value: Any, caption: str = "") -> Iterator[Item]:
@@ -120,7 +168,9 @@ def _items(value: Any, caption: str = "") -> Iterator[Item]:
         plain = {k: v for k, v in value.items() if not isinstance(v, (Mapping, list, tuple))}
         yield from _records_or_pairs(plain, "" if stats else caption)
         for key, other in value.items():
-            if isinstance(other, (Mapping, list, tuple)) and not _is_stat(other):
+            if key == "history" and isinstance(other, list) and other:
+                yield from _history(other)
+            elif isinstance(other, (Mapping, list, tuple)) and not _is_stat(other):
                 yield from _items(other, words(key))
     elif value and all(isinstance(one, Mapping) for one in value):
         yield _records(value, caption)
@@ -150,20 +200,50 @@ def _records(records: Any, caption: str = "", most: int = LONGEST) -> Table:
 
 
 def _history(history: Any) -> Iterator[Item]:
-    """Plot what falls from iteration to iteration, then print it."""
-    numbers = [
-        key
-        for key in history[0]
-        if key not in ("iteration", "nodes", "level")
-        and all(isinstance(step.get(key), (int, float)) for step in history)
-    ]
-    series = {words(key): [(i + 1, step[key]) for i, step in enumerate(history)] for key in numbers[:4]}
-    drawn = curves(series, "iteration, all levels in turn", "length (log)")
-    if drawn:
+    """Plot what falls from iteration to iteration; the rows themselves are folded."""
+    if set(history[0]) == set(REMOVAL):
+        history = [{REMOVAL[key]: value for key, value in step.items()} for step in history]
+        yield from _removal(history)
+    else:
+        numbers = [
+            key
+            for key in history[0]
+            if key not in ("iteration", "nodes", "level")
+            and all(isinstance(step.get(key), (int, float)) for step in history)
+        ]
+        series = {words(key): [(i + 1, step[key]) for i, step in enumerate(history)] for key in numbers[:4]}
+        drawn = curves(series, "iteration, all levels in turn", LENGTH)
+        if drawn:
+            yield Figure(
+                drawn, "Convergence: one point for each iteration, from the coarsest level to the dense mesh."
+            )
+    yield dataclasses.replace(_records(history), caption=f"All {len(history)} iterations", folded=True)
+
+
+def _removal(history: Any) -> Iterator[Item]:
+    """Plot what a removal has left: lengths in one figure, counts in another."""
+
+    def series(*keys: str) -> dict[str, list[tuple[float, float]]]:
+        return {words(key): [(step["iteration"], step[key]) for step in history] for key in keys}
+
+    lengths = curves(series("depth left", "spread"), "iteration", LENGTH)
+    if lengths:
         yield Figure(
-            drawn, "Convergence: one point for each iteration, from the coarsest level to the dense mesh."
+            lengths,
+            "Depth left, the largest of all pairs, and spread of the displacement field at each iteration; "
+            "what is 0 has no point.",
         )
-    yield _records(history)
+    points = series("edges crossing")
+    first = next((i for i, step in enumerate(history) if step["edges crossing"]), None)
+    if first is None:
+        yield "Edges crossing: none; they are counted once a pair is nearly apart."
+        return
+    counts = curves({key: some[first:] for key, some in points.items()}, "iteration", "edges", False)
+    yield Figure(
+        counts,
+        "Edges of the bodies that cross another body's surface. They are counted once a pair is nearly "
+        "apart, so the first point is the first count above 0.",
+    )
 
 
 def _place(place: Any) -> str:
@@ -185,6 +265,10 @@ def _cell(value: Any) -> str:
             else f"99 % {number(value['p99'])}"
         )
         return f"{number(value['median'])} {low} {number(value['maximum'])}"
+    if isinstance(value, Mapping):
+        if set(value) == {"before", "after"}:
+            return f"{_cell(value['before'])} \u2192 {_cell(value['after'])}"
+        return ", ".join(f"{words(key)}: {_cell(one)}" for key, one in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

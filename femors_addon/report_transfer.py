@@ -13,7 +13,7 @@ from .carry import FADE
 from .landmarks import Prediction
 from .mesh import Float, Surface, clean
 from .nearest import SurfaceIndex
-from .picture import BONE, Shown, View, picture, views
+from .picture import BONE, Shown, facing, picture, views
 from .plots import histogram
 from .quality import Stat
 from .regions import Region
@@ -226,7 +226,7 @@ def transfer_figures(
                 beside.append(Shown(dots(points, DOT_SIZE * surface.diagonal), DOT))
         sights = views([surface, *(one.surface for one in beside)])
         for seen, word in zip(sights, ("", ", a quarter turn on"), strict=True):
-            sight = _facing(seen, [one.surface.vertices for one in beside])
+            sight = facing(seen, [one.surface.vertices for one in beside])
             closer = NUDGE * surface.diagonal * sight.towards  # what lies on the surface is seen
             nudged = [Shown(one.surface.moved(one.surface.vertices + closer), one.colours) for one in beside]
             items.append(Figure(picture([base, *nudged], sight), title + word))
@@ -243,12 +243,6 @@ def transfer_figures(
         words = "Distance of what was carried from the surface, before and after."
         sections.append(Section("Distributions", (Figure(drawn, words),)))
     return sections
-
-
-def _facing(sight: View, points: list[Float]) -> View:
-    """Return a view, or that from behind where more of what was carried, thing by thing, is on that side."""
-    depth = sum(float(((some - sight.centre) @ sight.towards).mean()) for some in points)
-    return sight if depth >= 0 else dataclasses.replace(sight, right=-sight.right, towards=-sight.towards)
 
 
 def _mixed(weights: Float, colour: tuple[float, float, float]) -> Float:

@@ -27,6 +27,8 @@ FAR = 0.05  # of the source's size: what lies farther out, half of it, is spoken
 SMALL = 0.01  # of the source's size: points that span less and are not on it may be in another unit
 OFF_TARGET = 0.02  # of the size: a surface to project onto that is farther may be the wrong one
 ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
+UNLIKE = 20.0  # times the source's size, or as small a part of it: a mesh may be in another unit
+UNITS = {25.4: "millimetres and inches", 100.0: "centimetres and metres", 1000.0: "millimetres and metres"}
 SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
 THERE = 0.002  # of the size: half of what was carried before is so near the surface that it was carried to,
 AWAY = 5.0  # and so many times as far from the other
@@ -251,6 +253,33 @@ class Transfer:
             return []
         return [
             f"the points span {span:.3g}, the field's surface {before.diagonal:.3g}: another unit (metres)?"
+        ]
+
+    def unlike(self, points: Float) -> list[str]:
+        """Return what to say of a mesh's points (p, 3) that are far larger or smaller than the source.
+
+        A small mesh that lies by the source's surface, such as a graft's or a screw's, is left alone
+        unless it would lie there in the other unit too.
+        """
+        if not len(self.carrier.field.faces):
+            return []
+        before = self._before.surface
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        span = float(np.linalg.norm(np.ptp(points, axis=0)))
+        if not span > 0 or 1 / UNLIKE <= span / before.diagonal <= UNLIKE:
+            return []
+        ratio = max(span / before.diagonal, before.diagonal / span)
+        factor = min(UNITS, key=lambda one: abs(np.log(ratio / one)))
+        if span < before.diagonal:
+            sample = points[:: max(len(points) // SAMPLE, 1)]
+            here, there = (np.median(self._before.closest(f * sample).distance) for f in (1.0, factor))
+            if here <= FAR * before.diagonal < there:
+                return []
+        kind = "larger" if span > before.diagonal else "smaller"
+        side = "target" if self.settings.inverse else "source"
+        return [
+            f"is {ratio:.4g} times {kind} than the {side} of the field '{self.carrier.field.name}': probably "
+            f"in another unit of length ({UNITS[factor]} differ by {factor:g}); give both in one unit"
         ]
 
     @cached_property

@@ -243,10 +243,30 @@ def test_bad_files_are_one_line_and_nothing_is_written(pair, tmp_path, capsys, n
     report = ("-o", tmp_path / "o.stl", "--report")
     assert "two outputs" in refused(capsys, "morph", source, target, *report, tmp_path / "o.stl")
     assert "no folder" in refused(capsys, "morph", source, target, *report, tmp_path / "nowhere" / "r.json")
+    said = refused(capsys, "morph", source, target, "-o", tmp_path / "o.stl", "--field", tmp_path / "F.txt")
+    assert said == f"femors: {tmp_path / 'F.txt'}: a field's file ends in .npz\n"
     os.link(source, tmp_path / "hard.obj")
     assert "also an input" in refused(capsys, "morph", source, target, "-o", tmp_path / "hard.obj")
     (tmp_path / "hard.obj").unlink()
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_folder_is_called_one(pair, tmp_path, capsys, no_morph):
+    source, target = pair
+    (tmp_path / "folder.stl").mkdir()
+    out = tmp_path / "o.stl"
+    said = f"femors: {tmp_path}: is a folder; name a file\n"
+    for words in (
+        ("morph", tmp_path, target, "-o", out),
+        ("morph", source, tmp_path, "-o", out),
+        ("morph", source, target, "-o", tmp_path),
+        ("morph", source, target, "-o", out, "--report", tmp_path),
+        ("morph", source, target, "-o", out, "--field", tmp_path),
+        ("overclosure", tmp_path, "-o", tmp_path / "out"),
+        ("transfer", tmp_path, source, "-o", tmp_path / "out"),
+    ):
+        assert refused(capsys, *words) == said
+    assert "is a folder; name a file" in refused(capsys, "morph", tmp_path / "folder.stl", target, "-o", out)
 
 
 def test_a_typing_error_points_to_the_help_of_its_command(capsys, no_morph):

@@ -98,6 +98,26 @@ def test_shares_and_exclusions(folder, capsys):
     capsys.readouterr()
 
 
+def test_the_page_shows_the_bodies_before_and_after(folder, capsys):
+    """Surfaces and decks: pictures of all, of what moved and of gaps, and histograms."""
+    page = folder / "r.html"
+    for inputs, names in (
+        (["one.stl", "two.stl"], ["one", "two"]),
+        (["plates.inp"], ["plates:LOW", "plates:HIGH"]),
+    ):
+        files = [folder / name for name in inputs]
+        assert run(*files, "-o", folder / "out", "--report", page) == 0
+        text = page.read_text()
+        assert text.count("<img") == 2 * 2 + len(names) * 3 * 2
+        assert "All bodies before" in text and "All bodies after, a quarter turn on" in text
+        for name in names:
+            assert f"{name}: how far its nodes were moved." in text
+            assert f"{name}, after: gap to the nearest other body" in text
+        assert run("--check", *files, "--report", page) == 0
+        assert page.read_text().count("<img") == 2 + len(names) * 2
+    capsys.readouterr()
+
+
 def test_the_check_writes_nothing_but_its_report(folder, capsys):
     before = sorted(folder.iterdir())
     names = [folder / f"{name}.stl" for name in ("one", "two", "far")]

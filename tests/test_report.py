@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import html.parser
 import io
 import json
+import re
 import struct
 import zlib
 from xml.etree import ElementTree
@@ -16,8 +18,9 @@ import pytest
 
 from femors_addon import picture, plots, report_files, report_html, report_tables
 from femors_addon.align import transformed
-from femors_addon.mesh import Surface
+from femors_addon.mesh import Surface, clean
 from femors_addon.morph import morph
+from femors_addon.overclosure_result import Step
 from femors_addon.progress import FemorsError
 from femors_addon.report_figures import mesh_figures, morph_figures
 from femors_addon.report_transfer import Carried, dots, transfer_figures
@@ -105,6 +108,7 @@ def test_any_report_becomes_tables():
     report = {
         "pairs": [{"bodies": "a, b", "depth": 0.5}, {"bodies": "b, c", "depth": 0.25, "more": True}],
         "left": {"before": {"gap": stat, "count": 7}, "after": {"gap": stat, "count": 0}},
+        "bodies": [{"name": "a", "aspect": {"before": stat, "after": stat}, "odd": {"k": 2}}],
         "deep": {"er": {"still": 3}},
         "warnings": ["look & see"],
         "matrix": [[1.0, 0.0], [0.0, 1.0]],
@@ -113,11 +117,97 @@ def test_any_report_becomes_tables():
         "none": [],
     }
     found = report_tables.sections(report)
-    assert [section.title for section in found] == ["Summary", "Pairs", "Left", "Deep", "Matrix", "Long"]
+    assert [section.title for section in found] == [
+        "Summary",
+        "Pairs",
+        "Left",
+        "Bodies",
+        "Deep",
+        "Matrix",
+        "Long",
+    ]
     page = report_html.html("t", "", found)
     assert "look &amp; see" in page and "100 in all" in page
+    assert "1 [0, 2] 3 \u2192 1 [0, 2] 3" in page and "K: 2" in page and "{" not in page.split("</style>")[1]
     assert "<th>Gap</th><td" in page and "1 [0, 2] 3" in page and "<th>Still</th>" in page
     assert not Page(page).open
+
+
+def test_a_removals_convergence_has_plots_of_its_own():
+    """Lengths and counts are not on one axis, the iteration is no curve, and each curve has its key."""
+    counts_of = (0, 0, 40, 10, 0, 0)  # not counted yet in the first two
+    steps = [Step(i + 1, 0.5**i, count, 2.0 - 0.1 * i) for i, count in enumerate(counts_of)]
+    report = {"history": [dataclasses.asdict(step) for step in steps], "solve_cpu_seconds": 3.25}
+    for nested in (report, {"overclosure": report}):
+        sections = report_tables.sections(nested)
+        items = sections[-1].items
+        lengths, counts = (one.content for one in items if isinstance(one, report_html.Figure))
+        assert ">Depth left</text>" in lengths and ">Spread</text>" in lengths
+        assert lengths.count("<polyline") == 2 and counts.count("<polyline") == 1
+        assert lengths.count("<circle") == 12 and counts.count("<circle") == 4, "a count of 0 is shown"
+        assert "Number" not in lengths and "ressing" not in lengths
+        page = report_html.html("t", "", sections)
+        assert "coarsest" not in page and "all levels" not in page and "Pierced" not in page
+        assert "CPU time of the removal (s)" in page
+        rows = page[page.index("<details>") : page.index("</details>")]
+        for head in ("Iteration", "Depth left", "Edges crossing", "Spread"):
+            assert f"<th>{head}</th>" in rows
+        assert not Page(page).open
+
+
+def test_edges_that_were_never_counted_have_no_plot():
+    report = {"history": [dataclasses.asdict(Step(1, 0.5, 0, 2.0))]}
+    items = report_tables.sections(report)[0].items
+    assert [type(one).__name__ for one in items] == ["Figure", "str", "Table"]
+    assert items[1].startswith("Edges crossing: none")
+
+
+def test_a_page_has_base_names_and_notes_apart_from_warnings():
+    merged = clean(*soup(), "mesh").notes[0].partition(": ")[2]
+    report = {
+        "femors": "1.2",
+        "files": {"source": "/far/away/a.stl", "out": "/x/a.stl", "target": "/far/b.stl", "field": None},
+        "warnings": [f"/far/b.stl: {merged}", "/far/b.stl: is odd"],
+    }
+    kept = json.dumps(report)
+    page = report_html.html("t", "", report_tables.sections(report))
+    assert json.dumps(report) == kept
+    assert "FEMORS version" in page and "Femors" not in page
+    assert ">b.stl</td>" in page and ">/far/away/a.stl</td>" in page, (
+        "two files of one name keep their folders"
+    )
+    assert '<ul class="warn"><li>b.stl: is odd</li></ul>' in page
+    assert f'<ul class="note"><li>b.stl: {merged}</li></ul>' in page
+
+
+def soup():
+    ball = pair(100, 100).source
+    return ball.vertices[ball.faces.ravel()], np.arange(ball.faces.size).reshape(-1, 3)
+
+
+def test_lengths_without_a_unit_say_whose_they_are():
+    ball = pair(200, 200).source
+    values = {"displacement": ball.vertices[:, 0] - ball.vertices[:, 0].min()}
+    for unit, words in (("", "(in the unit of the meshes)"), ("mm", "(mm)")):
+        page = report_html.html("t", "", mesh_figures(ball, None, values, unit))
+        assert page.count(f">Displacement {words}</text>") == 2, "the legend and the histogram"
+
+
+def test_a_view_turns_to_what_is_to_be_seen():
+    ball = pair(100, 100).source
+    for sight in picture.views([ball]):
+        for side in (1.0, -1.0):
+            spot = sight.centre + side * sight.towards[None]
+            seen = picture.facing(sight, [spot])
+            assert ((spot - seen.centre) @ seen.towards).item() > 0
+            assert np.linalg.det([seen.right, seen.up, seen.towards]) > 0
+
+
+def test_a_legend_stays_within_its_plot():
+    names = [f"series {i}" for i in range(4)]
+    drawn = plots.curves({name: [(1, 1.0), (2, 2.0)] for name in names}, "x", "y")
+    places = [float(re.search(rf'x="([^"]+)" y="17">{name}<', drawn)[1]) for name in names]
+    assert max(places) < plots.WIDTH - 80
 
 
 def pixels(data: bytes) -> np.ndarray:

@@ -338,8 +338,26 @@ def test_bad_input_is_refused_and_nothing_is_written(files, capsys, monkeypatch,
 
 def test_what_was_carried_already_is_written_and_told(files, capsys):
     code, _, err = run(capsys, "transfer", files / "f.npz", files / "target.ply", "-o", files / "out")
-    assert code == 1 and "already" in err
+    assert code == 1 and "already" in err and "(pass --inverse)" in err
     assert (files / "out" / "target.ply").exists()
+
+
+def test_a_mesh_in_another_unit_is_written_and_told(files, capsys):
+    for factor, words, units in (
+        (0.001, "1000 times smaller than the source", "millimetres and metres differ by 1000"),
+        (1000.0, "1000 times larger than the source", "millimetres and metres differ by 1000"),
+        (1 / 25.4, "25.4 times smaller than the source", "millimetres and inches differ by 25.4"),
+    ):
+        meshfiles.write(files / "odd.ply", MeshFile.of(BONE.moved(factor * BONE.vertices)))
+        code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.ply", "-o", files / "out")
+        assert code == 1 and words in err and units in err and err.count("\n") == 1, err
+        assert (files / "out" / "odd.ply").exists()
+
+
+def test_a_small_thing_on_the_bone_is_in_its_unit(files, capsys):
+    small = shapes.sphere(1, radius=0.005 * BONE.diagonal)
+    meshfiles.write(files / "screw.ply", MeshFile.of(small.moved(small.vertices + BONE.vertices[10])))
+    assert run(capsys, "transfer", files / "f.npz", files / "screw.ply", "-o", files / "out")[0] == 0
 
 
 def test_a_landmark_far_from_the_bone_is_told_with_its_distance(files, capsys):
