@@ -59,6 +59,7 @@ def rbf(pair: Pair) -> np.ndarray:
 def cpd(pair: Pair) -> np.ndarray:
     """pycpd's deformable registration of some points, carried to all."""
     from pycpd import DeformableRegistration
+    from scipy.spatial.distance import cdist
 
     ours, theirs = (pair[f"{side}_vertices"] / CPD_UNIT for side in ("source", "target"))
     some = [points[:: max(len(points) // CPD_POINTS, 1)] for points in (theirs, ours)]
@@ -66,7 +67,9 @@ def cpd(pair: Pair) -> np.ndarray:
         X=some[0], Y=some[1], sigma2=(CPD_SIGMA / CPD_UNIT) ** 2, max_iterations=60
     )
     register.register()
-    return np.asarray(register.transform_point_cloud(ours)) * CPD_UNIT
+    # its own transform_point_cloud takes no other points than those that it was made with
+    kernel = np.exp(-cdist(ours, some[1], "sqeuclidean") / (2.0 * register.beta**2))
+    return np.asarray(ours + kernel @ register.W) * CPD_UNIT
 
 
 def shrinkwrap(pair: Pair) -> np.ndarray:
