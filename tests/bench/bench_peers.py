@@ -165,7 +165,7 @@ for name, row in found["rows"].items():
     p99 = row["figures"]["target_to_surface"]["p99"]
     one.loglog(row["seconds"], p99, "o", color="C3" if name == "femors" else "C0")
     right = row["seconds"] > 10  # the names of the slow ones stand to the left, within the plot
-    place = dict(xytext=(-6, 5), ha="right") if right else dict(xytext=(5, 4))
+    place = dict(xytext=(-6, -11), ha="right") if right else dict(xytext=(5, 4))
     label = dict(place, textcoords="offset points", fontsize=7)
     one.annotate(names[name].replace("*", ""), (row["seconds"], p99), **label)
 one.set(xlabel="CPU seconds", ylabel="target to result, 99th percentile (mm)", title="Accuracy against time")
