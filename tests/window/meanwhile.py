@@ -186,10 +186,10 @@ def watched() -> Steps:
     yield from wait("the result", quiet)
     seen["window_at_70k"] = pulse.figures()
     seen["preview"] = {"pictures": moving.pictures, "pause_s": round(moving.pause, 2)}
-    # the preview waits as long as drawing takes, a second or two where it is done in software: more than five
-    # pictures, or a quarter of those that there was time for
+    # the preview waits as long as drawing takes, seconds where that is done in software: more than five
+    # pictures, or half of those that there was time for
     fits = (time.monotonic() - pulse.begun) / max(moving.pause, 0.1)
-    check(moving.pictures >= min(6, max(2, 0.25 * fits)), f"the preview was drawn {moving.pictures} times")
+    check(moving.pictures >= min(6, max(3, 0.5 * fits)), f"the preview was drawn {moving.pictures} times")
     check(scene_state()[2] == before[2], "the source moved")
     yield from shot("56_result")
 
