@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from . import settings as declared
 from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed, unit_factor
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
+from .folds import Reference, bad_faces, unfolded
 from .grnn import DisplacementField
 from .limits import require_memory
 from .mend import mended
@@ -31,7 +32,7 @@ from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
-from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
+from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, node_counts, stages
 from .steer import Pairs, Pull, Steering, lead
 from .watch import Watch
@@ -109,7 +110,7 @@ def morph(
     displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
     displacement, left, landed = settle(
         work.rest,
-        work.aligned,
+        work.reference,
         displacement,
         work.index,
         free,
@@ -118,14 +119,15 @@ def morph(
         watch.dense,
     )
     mending = part(progress, 0.86, 0.88)
-    displacement, left = mended(
-        work.rest, work.aligned, displacement, work.index, free, settings, mending, left
+    displacement, bad = mended(
+        work.rest, work.reference, displacement, work.index, free, settings, mending, left
     )
     watch.dense(displacement)
     if weight is not None:
         displacement, left = unfolded(
-            work.aligned, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
+            work.reference, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
         )
+        bad = len(left)
     spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
     field = DisplacementField(work.aligned.vertices, displacement, spread)
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
@@ -140,12 +142,12 @@ def morph(
     result = result_of(
         source,
         (ours, theirs),
-        (work.alignment.matrix, work.aligned, work.index),
+        (work.alignment.matrix, work.reference, work.index),
         field,
         landed,
         settings,
         tuple(history),
-        left,
+        bad,
         tuple(warnings),
         part(progress, 0.88, 1.0),
         weighted=weights is not None,
@@ -169,13 +171,18 @@ class _Work:
 
     alignment: Alignment
     rest: Surface  # the source's own element shapes, mirrored where it was
-    aligned: Surface
+    reference: Reference  # the source aligned
     index: SurfaceIndex
     sources: list[Surface]  # from the coarsest level to the dense one
     targets: list[Surface]
     size: float
     pairs: Pairs | None
     weight: float  # of the landmarks' pull
+
+    @property
+    def aligned(self) -> Surface:
+        """The source aligned."""
+        return self.reference.surface
 
     def pull(self, level: int) -> Pull | None:
         """What the landmarks do on a level; None where they do nothing."""
@@ -210,7 +217,7 @@ class _Work:
         weight = settings.landmark_weight if settings.steer else 0.0
         index, size = SurfaceIndex(target), target.diagonal
         places = moved, [*targets, target]
-        return cls(alignment, rest, moved[-1], index, *places, size, pairs, weight)
+        return cls(alignment, rest, Reference(moved[-1]), index, *places, size, pairs, weight)
 
 
 def _levels(
