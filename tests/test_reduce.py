@@ -9,6 +9,7 @@ import pytest
 from femors_addon import shapes
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.quality import aspect_ratio
 from femors_addon.reduce import pyramid, reduced
 
 
@@ -96,3 +97,39 @@ def test_a_pyramid_goes_from_coarse_to_fine(bone):
     assert [len(level.vertices) for level in levels] == pytest.approx([120, 500, 2000], rel=0.06)
     assert pyramid(bone, []) == []
     assert pyramid(bone, [10**6]) == [bone]
+
+
+# --- evenly, whatever the file's order -------------------------------------------------------------
+def divided(surface: Surface) -> Surface:
+    """Each face cut into four in its plane, in the order of the vertices along x."""
+    middles = surface.vertices[surface.edges].mean(axis=1)
+    keys = surface.edges[:, 0].astype(np.int64) * len(surface.vertices) + surface.edges[:, 1]
+    sides = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+    at = len(surface.vertices) + np.searchsorted(
+        keys, sides[..., 0].astype(np.int64) * len(surface.vertices) + sides[..., 1]
+    )
+    a, b, c = surface.faces.T
+    ab, bc, ca = at.T
+    faces = np.concatenate(
+        [np.column_stack(f) for f in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    )
+    vertices = np.concatenate((surface.vertices, middles))
+    order = np.argsort(vertices[:, 0], kind="stable")
+    faces = np.argsort(order)[faces]
+    return Surface(vertices[order], faces[np.argsort(faces.min(axis=1), kind="stable")])
+
+
+def test_flat_facets_keep_their_nodes_and_both_ends_are_as_coarse(bone):
+    dense = divided(divided(divided(bone)))  # 256 000 nodes, most of them inside flat facets
+    small = reduced(dense, 12_000)
+    assert len(small.vertices) == pytest.approx(12_000, rel=0.02)
+    assert np.percentile(aspect_ratio(small), 95) < 10.0
+    ends = small.vertices[small.edges]
+    length, along = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends.mean(axis=1)[:, 0]
+    assert length.min() > 1e-4 * small.mean_edge
+    low, high = (length[side].mean() for side in (along < np.median(along), along >= np.median(along)))
+    whole = reduced(bone, 2000)
+    ends = whole.vertices[whole.edges]
+    length, along = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends.mean(axis=1)[:, 0]
+    fair = length[along < np.median(along)].mean() / length[along >= np.median(along)].mean()
+    assert low / high == pytest.approx(fair, rel=0.2)

@@ -12,7 +12,6 @@ from femors_addon.folds import Reference, bad_faces, folded, unfolded
 from femors_addon.mesh import Float, Surface, clean
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.progress import silent
 from femors_addon.quality import aspect_ratio, flipped_faces, self_intersections
 from femors_addon.relax import ShapeMatching, averaging, guarded, slide
 
