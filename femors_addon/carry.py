@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from .align import inverse, transformed
 from .frames import SmoothMap, principal_stretches, ramp
 from .keptfield import KeptField
 from .limits import require_nodes
 from .mesh import Float, Int, Surface
 from .nearest import Closest, SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
+from .transforms import inverse, transformed
 
 SHARE = 0.5  # of a point's distance: the spread of the map there
 FADE = (0.15, 0.5)  # of the source's size: distances between which the deformation fades out

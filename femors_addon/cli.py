@@ -23,12 +23,12 @@ from . import (
     keptfield,
     landmarkfiles,
 )
-from .align import inverse, transformed
+from .cleaning import clean
 from .commandline import Console, Parser, add_settings, check_paths, settings_of
 from .deck import Deck
 from .deck_morph import morph_part
 from .intersect import self_intersections
-from .mesh import Surface, clean
+from .mesh import Surface
 from .meshfiles import MeshFile
 from .morph import MorphResult, morph
 from .morph_settings import PRESETS, MorphSettings
@@ -36,6 +36,7 @@ from .progress import FemorsError
 from .report_figures import morph_figures
 from .report_files import HELP, check_ending, report_bytes
 from .report_html import Section
+from .transforms import inverse, transformed
 from .version import version
 from .volume_morph import VolumeMorphResult
 

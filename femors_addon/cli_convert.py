@@ -9,13 +9,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from . import deckfiles, files
-from .align import transformed
 from .commandline import Console, check_paths
 from .deck import Deck, Part
 from .files import Location
 from .mesh import Float, Surface
 from .meshfiles import MeshFile
 from .progress import FemorsError
+from .transforms import transformed
 
 KINDS = (
     "STL, PLY, OBJ; Abaqus .inp, FEBio .feb, Nastran .bdf; VTK surfaces; "

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from . import cli_convert, deckfiles, files
-from .align import inverse, transformed
 from .bodies import Body
 from .commandline import Console, add_settings, check_paths, settings_of
 from .deck import Deck, Part
@@ -25,6 +24,7 @@ from .progress import FemorsError
 from .report_files import HELP, check_ending, report_bytes
 from .report_html import Section
 from .report_overclosure import overclosure_figures
+from .transforms import inverse, transformed
 from .volume import VolumeMesh
 
 DONE, IMPERFECT = 0, 1

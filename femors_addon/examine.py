@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csgraph
 
+from .cleaning import Cleaned, clean
 from .intersect import piercings, self_intersections
 from .limits import require_nodes
-from .mesh import Cleaned, Int, Surface, clean, edge_matrix
+from .mesh import Int, Surface, edge_matrix
 from .nearest import SurfaceIndex
 from .overlap import Overlap, overlap
 from .progress import FemorsError, Progress, part, silent

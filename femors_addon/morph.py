@@ -20,20 +20,25 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import settings as declared
-from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed, unit_factor
+from .align import Alignment, align
+from .cleaning import Cleaned, clean
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
+from .icp import SAMPLE
 from .limits import require_memory
 from .mend import mended
-from .mesh import Cleaned, Float, Surface, clean
+from .mesh import Float, Surface
 from .morph_result import MorphResult, Step, result_of
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
+from .poses import canonical_frame
 from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
 from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
 from .schedule import CARRY, Stage, node_counts, stages
 from .steer import Pairs, Pull, Steering, lead
+from .transforms import inverse, transformed
+from .units import unit_factor
 from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]

@@ -12,17 +12,18 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import triples
-from .align import transformed
 from .carry import Carrier
+from .cleaning import Cleaned
 from .files import Location
 from .grnn import DisplacementField
 from .keptfield import KeptField
-from .mesh import Cleaned, Float, Int, Surface
+from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
 from .progress import Progress
 from .quality import Comparison, compare
 from .steer import Steering
+from .transforms import transformed
 
 REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfaces are closer than an
 # edge and this

@@ -14,10 +14,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .align import Alignment, align, landmark_transform, transformed
+from .align import Alignment, align
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
+from .transforms import landmark_transform, transformed
 
 WIDTH = 2.0  # spreads of the iteration: how far from a landmark its pull has fallen to 1 / e
 LEAST = 0.06  # of the size: the same at least, or a pull would fold the surface

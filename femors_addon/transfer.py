@@ -13,12 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from . import settings as declared
-from .align import transformed
 from .carry import FADE, Carrier
-from .mesh import Float, Surface, clean
+from .cleaning import clean
+from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
 from .transfer_settings import TransferSettings
+from .transforms import transformed
 from .volume import VolumeMesh
 from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians

@@ -15,16 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .align import transformed
+from .cleaning import clean
 from .grnn import DisplacementField
 from .interior import harmonic, stiffness
-from .mesh import Float, Int, Surface, clean
+from .mesh import Float, Int, Surface
 from .morph import morph
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Preview, Progress, part, silent
 from .quality import compare
+from .transforms import transformed
 from .volume import Ids, VolumeMesh, carry_mid_nodes
 from .volume_quality import VolumeQuality, scaled_jacobians
 from .volume_shapes import reshaped

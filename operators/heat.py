@@ -159,7 +159,7 @@ def _of_elements(item: bpy.types.Object) -> Array:
 
 
 def _gap(item: bpy.types.Object, other: bpy.types.Object) -> Array:
-    from ..femors_addon.mesh import clean
+    from ..femors_addon.cleaning import clean
     from ..femors_addon.nearest import SurfaceIndex
 
     theirs, _ = surface_of(other)

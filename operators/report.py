@@ -140,9 +140,9 @@ def _figures(subject: bpy.types.Object | dict[str, Any], seen: bytes | None) -> 
 
 def _pictures(item: bpy.types.Object) -> list[Any]:
     """Return the sections of an object: of the morph where it was one, else of the mesh."""
-    from ..femors_addon.align import transformed
     from ..femors_addon.quantities import QUANTITIES
     from ..femors_addon.report_figures import mesh_figures, morph_figures
+    from ..femors_addon.transforms import transformed
 
     report = reported(item)
     surface = _surface(item)

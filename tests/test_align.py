@@ -8,10 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from femors_addon import shapes
-from femors_addon.align import align, homogeneous, inverse, landmark_transform, transformed, unit_factor
+from femors_addon.align import align
 from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.transforms import homogeneous, inverse, landmark_transform, transformed
+from femors_addon.units import unit_factor
 
 SHEAR = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.02, 0.0, 1.2]])
 

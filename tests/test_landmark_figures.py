@@ -11,7 +11,8 @@ import pytest
 
 from femors_addon import meshfiles, shapes
 from femors_addon.carry import Carrier
-from femors_addon.mesh import Surface, clean
+from femors_addon.cleaning import clean
+from femors_addon.mesh import Surface
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.regions import RegionMap

@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from femors_addon.mesh import Cleaned, Surface, clean, oriented, triangulate, winding_number
+from femors_addon.cleaning import Cleaned, clean
+from femors_addon.mesh import Surface, triangulate
+from femors_addon.orientation import oriented, winding_number
 from femors_addon.progress import FemorsError
 from femors_addon.shapes import box, sphere
 from femors_addon.triples import unit

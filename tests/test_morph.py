@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from femors_addon import settings as declared
 from femors_addon import shapes
-from femors_addon.align import transformed
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.quality import flipped_faces
+from femors_addon.transforms import transformed
 
 STAY = MorphSettings(alignment="none")
 LAYERED = MorphSettings(levels=2, reduction=0.4, iterations=4, fine_iterations=3)

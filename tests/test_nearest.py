@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from femors_addon import shapes
-from femors_addon.mesh import Surface, winding_number
+from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.orientation import winding_number
 from femors_addon.progress import Cancelled
 
 EXACT = 1e-11  # of the size of mesh and points together

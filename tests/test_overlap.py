@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femors_addon.mesh import Surface, clean
+from femors_addon.cleaning import clean
+from femors_addon.mesh import Surface
 from femors_addon.overlap import overlap
 from femors_addon.progress import FemorsError
 from femors_addon.raster import fragments

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from femors_addon import picture, plots, report_files, report_html, report_tables
-from femors_addon.align import transformed
-from femors_addon.mesh import Surface, clean
+from femors_addon.cleaning import clean
+from femors_addon.mesh import Surface
 from femors_addon.morph import morph
 from femors_addon.overclosure_result import Step
 from femors_addon.progress import FemorsError
@@ -26,6 +26,7 @@ from femors_addon.report_figures import mesh_figures, morph_figures
 from femors_addon.report_transfer import Carried, dots, transfer_figures
 from femors_addon.shapes import pair
 from femors_addon.transfer import Transferred
+from femors_addon.transforms import transformed
 
 
 class Page(html.parser.HTMLParser):

@@ -54,9 +54,10 @@ def ours(where: Path) -> dict[str, Any]:
     import numpy as np
     from counting import counting
 
-    from femors_addon.align import transformed
-    from femors_addon.mesh import Surface, clean
+    from femors_addon.cleaning import clean
+    from femors_addon.mesh import Surface
     from femors_addon.morph import morph
+    from femors_addon.transforms import transformed
 
     with np.load(DATA / "femur_pair" / "meshes.npz") as meshes:
         pair = [Surface(meshes[f"{side}_vertices"], meshes[f"{side}_faces"]) for side in ("source", "target")]
