@@ -7,12 +7,11 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csgraph
 
 from .cleaning import Cleaned, clean
 from .intersect import piercings, self_intersections
 from .limits import require_nodes
-from .mesh import Int, Surface, edge_matrix
+from .mesh import Int, Surface
 from .nearest import SurfaceIndex
 from .overlap import Overlap, overlap
 from .progress import FemorsError, Progress, part, silent
@@ -221,10 +220,7 @@ def examine(
     crossing = np.unique(self_intersections(mesh))
     progress(0.35, "shapes of faces")
     aspect = aspect_ratio(mesh)
-    pairs, _ = mesh.edge_faces
-    pieces, _ = csgraph.connected_components(edge_matrix(pairs, len(mesh.faces)), directed=False)
     a, b = (mesh.vertices[mesh.edges[:, k]] for k in (0, 1))
-    open_edges = len(mesh.edges) - len(pairs)
     against = None
     if other is not None:
         against = _against(surface, ours, other, part(progress, 0.4, 1.0))
@@ -232,8 +228,8 @@ def examine(
     return Examination(
         vertices=len(surface.vertices),
         faces=len(surface.faces),
-        pieces=int(pieces),
-        open_edges=open_edges,
+        pieces=int(mesh.components.max()) + 1,
+        open_edges=len(mesh.edges) - len(mesh.edge_faces[0]),
         size=mesh.diagonal,
         area=float(mesh.face_areas.sum()),
         volume=None if mesh.border.any() else float(mesh.volume),

@@ -25,6 +25,7 @@ from .cleaning import Cleaned, clean
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .grnn import DisplacementField
 from .icp import SAMPLE
+from .landmark_pairs import Pairs
 from .limits import require_memory
 from .mend import mended
 from .mesh import Float, Surface
@@ -36,7 +37,7 @@ from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
 from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
 from .schedule import CARRY, Stage, node_counts, stages
-from .steer import Pairs, Pull, Steering, lead
+from .steer import Pull, Steering, lead
 from .transforms import inverse, transformed
 from .units import unit_factor
 from .watch import Watch

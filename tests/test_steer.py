@@ -8,10 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from femors_addon import shapes
+from femors_addon.landmark_pairs import Pairs
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
-from femors_addon.steer import Pairs, Pull, lead
+from femors_addon.steer import Pull, lead
 
 RNG = np.random.default_rng(4)
 POINTS = RNG.uniform(-1, 1, (8, 3)) * [40.0, 40.0, 200.0]
