@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .deck import Deck, Load, Part, by_part
 from .elements import febio_kind
 from .feb_events import Group, Row, line_of, mesh_groups
+from .fields import spliced
 from .files import read_bytes, shown
 from .ids import Lookup
 from .inp_table import parsed
@@ -46,8 +47,11 @@ class Template:
 
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes with other coordinates."""
+        return spliced(self.data, self._texts(nodes))
+
+    def _texts(self, nodes: Float) -> Iterator[tuple[int, int, bytes]]:
+        """Where the coordinates of each node that moved start and end, and what they are to be."""
         moved = np.flatnonzero((nodes != self.nodes).any(axis=1))
-        out, done = bytearray(), 0
         for index in moved[np.argsort(self.spans[moved, 0])].tolist():
             start, stop = self.spans[index].tolist()
             fields = self.data[start:stop].split(b",")
@@ -55,13 +59,7 @@ class Template:
                 if nodes[index, axis] != self.nodes[index, axis]:
                     text = fields[axis].strip()
                     fields[axis] = fields[axis].replace(text, repr(float(nodes[index, axis])).encode(), 1)
-            out += self.data[done:start]
-            out += b",".join(fields)
-            done = stop
-        if not done:
-            return self.data
-        out += self.data[done:]
-        return bytes(out)
+            yield start, stop, b",".join(fields)
 
     def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
         """Return the file by its path."""
