@@ -119,6 +119,9 @@ def morph_volume(
     target: Surface,
     settings: MorphSettings | None = None,
     progress: Progress = silent,
+    *,
+    weights: ArrayLike | None = None,
+    preview: Preview | None = None,
     **options: Any,
 ) -> VolumeMorphResult:
     """Morph a mesh of solid elements onto a target surface.
@@ -130,9 +133,12 @@ def morph_volume(
     target : Surface
     settings : MorphSettings, optional
     progress : Progress
+    weights : (n,) array, optional
+        Of all nodes, from 0 to 1: how far each may follow.
+    preview : Preview, optional
+        Given all nodes (n, 3), those inside where they were.
     **options
-        As for `morph.morph`; ``weights`` are of the nodes, shape (n,), and ``preview`` is given all nodes,
-        those inside where they were.
+        As for `morph.morph`.
 
     Raises
     ------
@@ -145,14 +151,14 @@ def morph_volume(
         raise FemorsError("the source has no solid elements; morph its surface instead")
     surface, at = mesh.surface()
     kept = at  # nodes that the interior does not move: the surface's, and those of no weight
-    if options.get("weights") is not None:
-        weights = np.asarray(options["weights"], dtype=float).ravel()
+    if weights is not None:
+        weights = np.asarray(weights, dtype=float).ravel()
         if len(weights) != len(mesh.nodes):
             raise FemorsError(f"weights must be {len(mesh.nodes)} numbers, one for each node")
         options["weights"] = weights[at]
         kept = np.union1d(at, np.flatnonzero(weights == 0)).astype(np.int32)
-    if options.get("preview") is not None:
-        options["preview"] = at_nodes(options["preview"], mesh.nodes, at)
+    if preview is not None:
+        options["preview"] = at_nodes(preview, mesh.nodes, at)
     result = morph(surface, target, settings, part(progress, 0.0, 0.7), **options)
     if np.linalg.det(result.transform[:3, :3]) < 0:
         raise FemorsError(
@@ -161,12 +167,10 @@ def morph_volume(
     jacobian = scaled_jacobians(mesh)
     valid = jacobian > 0
     aligned = mesh.moved(transformed(result.transform, mesh.nodes))
-    goal = aligned.nodes.copy()
-    goal[at] = result.vertices
     progress(0.7, "volume: interior")
-    goal = _with_interior(aligned, goal, at, kept, surface.mean_edge)
+    goal = _with_interior(aligned, result.vertices, at, kept, surface.mean_edge)
     progress(0.8, "volume: element shapes")
-    laid_on = settings.projection == 1.0 and settings.partial == "none" and options.get("weights") is None
+    laid_on = settings.projection == 1.0 and settings.partial == "none" and weights is None
     index = SurfaceIndex(target) if laid_on else None
     goal = reshaped(mesh, goal, kept, jacobian, index, part(progress, 0.8, 0.9))
     progress(0.9, "volume: no element inverted")
@@ -224,8 +228,10 @@ def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertice
 
 
 # --- interior ---------------------------------------------------------------------------------------
-def _with_interior(aligned: VolumeMesh, goal: Float, at: Int, kept: Int, edge: float) -> Float:
-    """Return `goal` (n, 3) with all nodes but those `kept` moved by the harmonic extension."""
+def _with_interior(aligned: VolumeMesh, outer: Float, at: Int, kept: Int, edge: float) -> Float:
+    """Return all nodes (n, 3): those `at` the surface at `outer`, and all but `kept` following harmonically."""
+    goal = aligned.nodes.copy()
+    goal[at] = outer
     displacement = goal - aligned.nodes
     inside = np.ones(len(goal), dtype=bool)
     inside[kept] = False
