@@ -10,8 +10,6 @@ import numpy as np
 from .mesh import Surface
 
 MISSING = "shared volumes and XOR are not computed: the Python package manifold3d is not installed"
-
-
 ROUNDING = 1e-6  # of a volume: what arithmetic may leave
 
 

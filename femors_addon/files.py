@@ -7,7 +7,7 @@ import contextlib
 import os
 import stat
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -159,10 +159,10 @@ def _int64(token: bytes) -> int:
     return value
 
 
-def _first_bad(tokens: Sequence[bytes], kind: type | object) -> BadNumber:
+def _first_bad(tokens: Sequence[bytes], kind: Callable[[bytes], float]) -> BadNumber:
     for index, token in enumerate(tokens):
         try:
-            kind(token)  # type: ignore[operator]
+            kind(token)
         except ValueError:
             return BadNumber(index, token)
     raise AssertionError("every token is a number")

@@ -11,7 +11,7 @@ import numpy as np
 
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
-from .progress import FemorsError
+from .progress import FemorsError, listed
 from .transforms import landmark_transform, transformed
 
 WRONG = 0.05  # of the size: error of a pair beside the others from which on it may be a wrong one
@@ -20,7 +20,6 @@ BETTER = 0.4  # of the misfit that is left where a wrong pair is left out
 TRIPLES = 500  # that are tried, at most twice as many
 TIMES = 4.0  # residuals of the better half that a wrong pair's is above
 OFF = 0.03  # of the size: a landmark farther from its own surface is spoken of
-MOST = 6  # names in a sentence
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,12 +47,12 @@ class Pairs:
             raise FemorsError(f"landmarks must be paired: source has {len(source)}, target has {len(target)}")
         if names is not None and len(names) != len(source):
             raise FemorsError(f"{len(names)} names are given for {len(source)} landmarks")
-        listed = tuple(names) if names is not None else tuple(str(n) for n in range(1, len(source) + 1))
+        called = tuple(names) if names is not None else tuple(str(n) for n in range(1, len(source) + 1))
         if len(source) < 3:
             raise FemorsError(f"alignment needs at least 3 paired landmarks, not {len(source)}")
         if not (np.isfinite(source).all() and np.isfinite(target).all()):
             raise FemorsError("landmarks have coordinates that are not finite")
-        return cls(source, target, listed, _agreeing(source, target, size))
+        return cls(source, target, called, _agreeing(source, target, size))
 
     def seen_on(self, source: Surface, target: Surface) -> Pairs:
         """Look at how far each landmark is from the surface that it should be on."""
@@ -64,9 +63,7 @@ class Pairs:
             if not len(rows):
                 continue
             noun = "landmark is" if len(rows) == 1 else "landmarks are"
-            words = (
-                f"{len(rows)} {word} {noun} far off the {word}'s surface: {_listed(self.names, away, rows)}"
-            )
+            words = f"{len(rows)} {word} {noun} far off the {word}'s surface: {_with_lengths(self.names, away, rows)}"
             if 2 * len(rows) > len(away):
                 faults.append(f"{words}; are they in another frame, other axes (LPS, RAS) or another unit?")
             else:
@@ -102,17 +99,18 @@ class Pairs:
             noun = "pair" if len(rows) == 1 else "pairs"
             beside = "the others" if self.good.any() else "the surfaces"
             out.append(
-                f"landmark {noun} {_listed(self.names, known, rows)} {does} not fit {beside} "
+                f"landmark {noun} {_with_lengths(self.names, known, rows)} {does} not fit {beside} "
                 f"({'a wrong pair' if len(rows) == 1 else 'wrong pairs'}?) and {was} left out"
             )
         return out
 
 
-def _listed(names: Sequence[str], lengths: Float, rows: np.ndarray) -> str:
+def _with_lengths(names: Sequence[str], lengths: Float, rows: np.ndarray) -> str:
     """Names with their lengths, the largest first."""
     rows = rows[np.argsort(-lengths[rows], kind="stable")]
-    words = [f"'{names[r]}'" + (f" ({lengths[r]:.3g})" if np.isfinite(lengths[r]) else "") for r in rows]
-    return ", ".join(words[:MOST]) + (", ..." if len(words) > MOST else "")
+    return listed(
+        f"'{names[row]}'" + (f" ({lengths[row]:.3g})" if np.isfinite(lengths[row]) else "") for row in rows
+    )
 
 
 def _agreeing(source: Float, target: Float, size: float) -> np.ndarray:

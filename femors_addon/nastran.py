@@ -199,7 +199,7 @@ def fresh(mesh: VolumeMesh, parts: dict[str, Int], suffix: str = ".bdf") -> byte
     pid = np.full(mesh.element_count, len(parts) + 1)
     for index, elements in enumerate(parts.values()):
         pid[elements] = index + 1
-    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+    for block, start in mesh.with_starts():
         order: list[int] = ORDER.get(block.kind, list(range(block.shape.size)))
         ids = mesh.node_ids[block.nodes[:, order]]
         table = np.column_stack((block.ids, pid[start : start + len(block)], ids)).tolist()

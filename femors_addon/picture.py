@@ -10,7 +10,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from .colours import linear
+from .colours import from_linear, linear
 from .mesh import Float, Surface
 from .raster import fragments
 from .triples import unit
@@ -89,8 +89,7 @@ def picture(shown: list[Shown], view: View, height: int = 480) -> bytes:
     for one in shown:
         _draw(one, view, light, depth, image, wide, tall)
     small = image.reshape(height, FINER, wide // FINER, FINER, 3).mean(axis=(1, 3))
-    curved = np.where(small <= 0.0031308, 12.92 * small, 1.055 * np.maximum(small, 1e-9) ** (1 / 2.4) - 0.055)
-    return png(np.clip(np.rint(255 * curved), 0, 255).astype(np.uint8))
+    return png(np.clip(np.rint(255 * from_linear(small)), 0, 255).astype(np.uint8))
 
 
 def _draw(one: Shown, view: View, light: Float, depth: Float, image: Float, wide: int, tall: int) -> None:

@@ -39,6 +39,11 @@ def inverse(matrix: Float) -> Float:
     return homogeneous(linear, -linear @ matrix[:3, 3])
 
 
+def mirrors(matrix: Float) -> bool:
+    """Whether a (4, 4) matrix turns right hands into left ones."""
+    return bool(np.linalg.det(matrix[:3, :3]) < 0)
+
+
 def landmark_transform(source: ArrayLike, target: ArrayLike, kind: str = "similarity") -> Float:
     """Least-squares transform between paired landmarks (k, 3), k >= 3.
 

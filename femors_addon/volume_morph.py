@@ -25,7 +25,7 @@ from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Preview, Progress, part, silent
 from .quality import compare
-from .transforms import transformed
+from .transforms import mirrors, transformed
 from .volume import Ids, VolumeMesh, carry_mid_nodes
 from .volume_quality import VolumeQuality, scaled_jacobians
 from .volume_shapes import reshaped
@@ -160,7 +160,7 @@ def morph_volume(
     if preview is not None:
         options["preview"] = at_nodes(preview, mesh.nodes, at)
     result = morph(surface, target, settings, part(progress, 0.0, 0.7), **options)
-    if np.linalg.det(result.transform[:3, :3]) < 0:
+    if mirrors(result.transform):
         raise FemorsError(
             "a mirror image would turn every element inside out; mirror the target instead, or take another"
         )
@@ -229,7 +229,7 @@ def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertice
 
 # --- interior ---------------------------------------------------------------------------------------
 def _with_interior(aligned: VolumeMesh, outer: Float, at: Int, kept: Int, edge: float) -> Float:
-    """Return all nodes (n, 3): those `at` the surface at `outer`, and all but `kept` following harmonically."""
+    """All nodes (n, 3): those `at` the surface go to `outer`, all but those `kept` follow harmonically."""
     goal = aligned.nodes.copy()
     goal[at] = outer
     displacement = goal - aligned.nodes
