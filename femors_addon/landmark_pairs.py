@@ -63,7 +63,8 @@ class Pairs:
             if not len(rows):
                 continue
             noun = "landmark is" if len(rows) == 1 else "landmarks are"
-            words = f"{len(rows)} {word} {noun} far off the {word}'s surface: {_with_lengths(self.names, away, rows)}"
+            those = _with_lengths(self.names, away, rows)
+            words = f"{len(rows)} {word} {noun} far off the {word}'s surface: {those}"
             if 2 * len(rows) > len(away):
                 faults.append(f"{words}; are they in another frame, other axes (LPS, RAS) or another unit?")
             else:
