@@ -23,6 +23,7 @@ from . import settings as declared
 from .align import Alignment, align
 from .cleaning import Cleaned, clean
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
+from .folds import Reference, bad_faces, unfolded
 from .grnn import DisplacementField
 from .icp import SAMPLE
 from .landmark_pairs import Pairs
@@ -35,7 +36,7 @@ from .nearest import SurfaceIndex
 from .poses import canonical_frame
 from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
-from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
+from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, node_counts, stages
 from .steer import Pull, Steering, lead
 from .transforms import inverse, transformed
@@ -115,7 +116,7 @@ def morph(
     displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
     displacement, left, landed = settle(
         work.rest,
-        work.aligned,
+        work.reference,
         displacement,
         work.index,
         free,
@@ -124,14 +125,15 @@ def morph(
         watch.dense,
     )
     mending = part(progress, 0.86, 0.88)
-    displacement, left = mended(
-        work.rest, work.aligned, displacement, work.index, free, settings, mending, left
+    displacement, bad = mended(
+        work.rest, work.reference, displacement, work.index, free, settings, mending, left
     )
     watch.dense(displacement)
     if weight is not None:
         displacement, left = unfolded(
-            work.aligned, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
+            work.reference, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
         )
+        bad = len(left)
     spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
     field = DisplacementField(work.aligned.vertices, displacement, spread)
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
@@ -146,12 +148,12 @@ def morph(
     result = result_of(
         source,
         (ours, theirs),
-        (work.alignment.matrix, work.aligned, work.index),
+        (work.alignment.matrix, work.reference, work.index),
         field,
         landed,
         settings,
         tuple(history),
-        left,
+        bad,
         tuple(warnings),
         part(progress, 0.88, 1.0),
         weighted=weights is not None,
@@ -175,13 +177,18 @@ class _Work:
 
     alignment: Alignment
     rest: Surface  # the source's own element shapes, mirrored where it was
-    aligned: Surface
+    reference: Reference  # the source aligned
     index: SurfaceIndex
     sources: list[Surface]  # from the coarsest level to the dense one
     targets: list[Surface]
     size: float
     pairs: Pairs | None
     weight: float  # of the landmarks' pull
+
+    @property
+    def aligned(self) -> Surface:
+        """The source aligned."""
+        return self.reference.surface
 
     def pull(self, level: int) -> Pull | None:
         """What the landmarks do on a level; None where they do nothing."""
@@ -216,7 +223,7 @@ class _Work:
         weight = settings.landmark_weight if settings.steer else 0.0
         index, size = SurfaceIndex(target), target.diagonal
         places = moved, [*targets, target]
-        return cls(alignment, rest, moved[-1], index, *places, size, pairs, weight)
+        return cls(alignment, rest, Reference(moved[-1]), index, *places, size, pairs, weight)
 
 
 def _levels(

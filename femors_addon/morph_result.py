@@ -15,6 +15,7 @@ from . import triples
 from .carry import Carrier
 from .cleaning import Cleaned
 from .files import Location
+from .folds import Reference
 from .grnn import DisplacementField
 from .keptfield import KeptField
 from .mesh import Float, Int, Surface
@@ -196,7 +197,7 @@ class MorphResult:
 def result_of(
     source: Surface,
     cleaned: tuple[Cleaned, Cleaned],
-    placed: tuple[Float, Surface, SurfaceIndex],
+    placed: tuple[Float, Reference, SurfaceIndex],
     field: DisplacementField,
     landed: Float,
     settings: MorphSettings,
@@ -210,7 +211,7 @@ def result_of(
 
     Parameters
     ----------
-    placed : (matrix, aligned, index)
+    placed : (matrix, reference, index)
         The alignment (4, 4), the aligned cleaned source, and the target's search structure.
     field : DisplacementField
         Its centres are the aligned nodes, its displacements their movement.
@@ -222,7 +223,8 @@ def result_of(
         Whether weights kept some of the source from moving.
     """
     ours, theirs = cleaned
-    matrix, aligned, index = placed
+    matrix, reference, index = placed
+    aligned = reference.surface
     morphed = aligned.moved(aligned.vertices + field.displacements)
     vertices = np.empty_like(source.vertices)
     used = ours.vertex_map >= 0
@@ -244,7 +246,13 @@ def result_of(
     distance[used] = clean_distance[ours.vertex_map[used]]
     distance[~used] = index.closest(vertices[~used]).distance
     back = SurfaceIndex(morphed).closest(theirs.surface.vertices)
-    before = compare(ours.surface, _wound_as(ours, aligned), theirs.surface, target_index=index)
+    before = compare(
+        ours.surface,
+        _wound_as(ours, aligned),
+        theirs.surface,
+        target_index=index,
+        self_intersecting=len(reference.crossing),
+    )
     progress(0.6, "measuring")
     after = compare(
         ours.surface,
