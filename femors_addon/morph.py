@@ -30,7 +30,8 @@ from .landmark_pairs import Pairs
 from .limits import require_memory
 from .mend import mended
 from .mesh import Float, Surface
-from .morph_result import MorphResult, Step, result_of
+from .morph_outcome import Outcome, result_of
+from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
 from .poses import canonical_frame
@@ -145,19 +146,9 @@ def morph(
         warnings.append(
             "weights limit the deformation, not the alignment; choose no alignment to keep parts still"
         )
-    result = result_of(
-        source,
-        (ours, theirs),
-        (work.alignment.matrix, work.reference, work.index),
-        field,
-        landed,
-        settings,
-        tuple(history),
-        bad,
-        tuple(warnings),
-        part(progress, 0.88, 1.0),
-        weighted=weights is not None,
-    )
+    outcome = Outcome(ours, theirs, work.alignment.matrix, work.reference, work.index, field, landed, bad)
+    measuring = part(progress, 0.88, 1.0)
+    result = result_of(outcome, source, settings, history, warnings, measuring, weighted=weights is not None)
     steering = None if work.pairs is None else _steered(result, work.pairs, settings)
     return dataclasses.replace(result, steering=steering, seconds=time.process_time() - started)
 
