@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from surfaces import cut
 
 from femors_addon import shapes
 from femors_addon.align import align
@@ -33,13 +34,6 @@ def placed(matrix: Float, surface: Surface) -> Surface:
 def mirrored(surface: Surface) -> Surface:
     """The other side's bone, outward again."""
     return Surface(surface.vertices * (-1, 1, 1), surface.faces[:, ::-1])
-
-
-def cut(surface: Surface, low: float, high: float) -> tuple[Surface, np.ndarray]:
-    """The faces between two heights, left open, and which vertices they use."""
-    height = surface.corners[:, :, 2].mean(axis=1)
-    used, faces = np.unique(surface.faces[(height > low) & (height < high)], return_inverse=True)
-    return Surface(surface.vertices[used], faces.reshape(-1, 3)), used
 
 
 def off(matrix: Float, points: Float, truth: Float, size: float) -> float:

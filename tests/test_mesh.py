@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from surfaces import soup, together
 
 from femors_addon.cleaning import Cleaned, clean
 from femors_addon.mesh import Surface, triangulate
@@ -16,22 +17,11 @@ from femors_addon.shapes import box, sphere
 from femors_addon.triples import unit
 
 
-def together(*surfaces: Surface) -> Surface:
-    """Several surfaces as one, nothing merged."""
-    start = np.cumsum([0] + [len(s.vertices) for s in surfaces])
-    faces = [s.faces + n for s, n in zip(surfaces, start, strict=False)]
-    return Surface(np.concatenate([s.vertices for s in surfaces]), np.concatenate(faces))
-
-
 def inverted(surface: Surface, faces=slice(None)) -> Surface:
     """The surface with some faces (all) wound the other way."""
     turned = surface.faces.copy()
     turned[faces] = turned[faces][:, ::-1]
     return Surface(surface.vertices, turned)
-
-
-def soup(surface: Surface) -> Surface:
-    return Surface(surface.corners.reshape(-1, 3), np.arange(3 * len(surface.faces)).reshape(-1, 3))
 
 
 def cleaned(surface: Surface, name: str = "mesh") -> Cleaned:
