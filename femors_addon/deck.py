@@ -55,6 +55,24 @@ class Template(Protocol):
         ...
 
 
+class OneFile:
+    """What the templates of formats without includes have in common: a single file, `path`."""
+
+    path: Path
+
+    def encoded(self, nodes: Float) -> bytes:
+        """Return the file's bytes for nodes (n, 3)."""
+        raise NotImplementedError
+
+    def inputs(self) -> list[Path]:
+        """Return the file that was read."""
+        return [self.path]
+
+    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
+        """Return the file by its path."""
+        return {path: self.encoded(nodes)}
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Deck:
     """A finite-element model in a file, of which only the coordinates can be changed.

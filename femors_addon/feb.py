@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from .deck import Deck, Load, Part, by_part
+from .deck import Deck, Load, OneFile, Part, by_part
 from .elements import febio_kind
 from .feb_events import Group, Row, line_of, mesh_groups
 from .fields import spliced
@@ -33,17 +33,13 @@ _FLOAT = re.compile(rb"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """An FEBio file, and where the coordinates (n, 3) of its nodes start and end in it, (n, 2)."""
 
     path: Path
     data: bytes
     spans: NDArray[np.int64]
     nodes: Float
-
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
 
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes with other coordinates."""
@@ -60,10 +56,6 @@ class Template:
                     text = fields[axis].strip()
                     fields[axis] = fields[axis].replace(text, repr(float(nodes[index, axis])).encode(), 1)
             yield start, stop, b",".join(fields)
-
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
 
 
 def read(path: Path, load: Load = read_bytes) -> Deck:

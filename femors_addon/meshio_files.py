@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from .deck import Deck, Load, Part
+from .deck import Deck, Load, OneFile, Part
 from .elements import MESHIO_KINDS, MESHIO_NAMES
 from .files import read_bytes, shown
 from .gmsh_nodes import NodePlaces, node_places, without_data
@@ -38,7 +38,7 @@ PART_DATA = ("gmsh:physical", "medit:ref", "part", "gmsh:geometrical")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """A file and what meshio read from it; `nodes` (n, 3) as read, `places` where they stand, if known."""
 
     path: Path
@@ -46,10 +46,6 @@ class Template:
     content: Any
     nodes: Float
     places: NodePlaces | None = None
-
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
 
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes, or what meshio writes where nodes have moved."""
@@ -67,10 +63,6 @@ class Template:
             setattr(content, name, dict(getattr(content, name) or {}))
         content.points = np.array(nodes)
         return _written(content, suffix, like)
-
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
 
 
 def read(path: Path, load: Load = read_bytes) -> Deck:

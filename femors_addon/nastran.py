@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .deck import Deck, Load, Part
+from .deck import Deck, Load, OneFile, Part
 from .elements import KINDS
 from .fields import NASTRAN, number, spliced
 from .files import read_bytes, shown
@@ -62,17 +62,13 @@ ORDER = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """A Nastran file, and the GRID card of each node (n,) with its coordinates (n, 3) as read."""
 
     path: Path
     data: bytes
     cards: list[Card]
     nodes: Float
-
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
 
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes with other coordinates."""
@@ -83,10 +79,6 @@ class Template:
         return spliced(
             self.data, ((card.start, card.stop, _grid(card, self.data, new, old)) for card, new, old in rows)
         )
-
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
 
 
 def _grid(card: Card, data: bytes, new: Float, old: Float) -> bytes:

@@ -47,7 +47,7 @@ def morph_figures(
     parts = ((aligned, SOURCE, "Source, aligned"), (target, TARGET, "Target"), (morphed, BONE, "Result"))
     for surface, colour, name in parts:
         if surface is not None:
-            items += _from_all([Shown(surface, colour)], sights, name)
+            items += from_all([Shown(surface, colour)], sights, name)
     items += heat_pictures(morphed, values, sights, unit)
     distances: dict[str, Float] = {}
     if target is not None:
@@ -81,9 +81,9 @@ def mesh_figures(
 ) -> list[Section]:
     """Return the sections "Pictures" and "Distributions" of one mesh, beside another where there is one."""
     sights = views([surface] if other is None else [surface, other])
-    items: list[Item] = _from_all([Shown(surface, BONE)], sights, "Mesh")
+    items: list[Item] = from_all([Shown(surface, BONE)], sights, "Mesh")
     if other is not None:
-        items += _from_all([Shown(surface, BONE), Shown(other, TARGET)], sights, "With the other mesh (blue)")
+        items += from_all([Shown(surface, BONE), Shown(other, TARGET)], sights, "With the other mesh (blue)")
     items += heat_pictures(surface, values, sights, unit)
     plots = [
         (histogram({"": aspect_ratio(surface)}, "aspect ratio", "faces"), "Aspect ratio of the faces."),
@@ -118,7 +118,7 @@ def _heat(
     low, high = span(numbers, signed, least)
     colours = painted(numbers, low, high, name)
     legend = Figure(bar(name, low, high, label), "Values beyond the ends have the end's colour.")
-    return [*_from_all([Shown(surface, colours)], sights, label), legend]
+    return [*from_all([Shown(surface, colours)], sights, label), legend]
 
 
 def _labels(values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]:
@@ -144,6 +144,7 @@ def with_unit(label: str, unit: str) -> str:
     return f"{label} ({unit or 'in the unit of the meshes'})"
 
 
-def _from_all(shown: list[Shown], sights: list[View], name: str) -> list[Item]:
+def from_all(shown: list[Shown], sights: list[View], name: str) -> list[Item]:
+    """Return pictures of surfaces in the two views of `picture.views`, and what they are called."""
     words = ("", ", a quarter turn on")
     return [Figure(picture(shown, sight), name + word) for sight, word in zip(sights, words, strict=True)]

@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
 from .bodies import Body
 from .mesh import Float, Int, Surface
 from .overclosure_check import gap_map
-from .picture import BONE, Shown, facing, picture, views
+from .picture import BONE, Shown, facing, views
 from .plots import histogram
-from .report_figures import SOURCE, TARGET, heat_pictures, with_unit
+from .report_figures import SOURCE, TARGET, from_all, heat_pictures, with_unit
 from .report_html import Figure, Item, Section
 
 NEAREST = 1.0  # per cent of a body's vertices: those nearest another body are to be seen
@@ -43,54 +45,84 @@ def overclosure_figures(
     unit : str
         Of lengths; "" where it is not known.
     """
-    exclude = list(exclude)
     shapes = {body.name: _surface(body) for body in before}
-    sights = views([surface for surface, _ in shapes.values()])
     reach = max(EDGES * float(np.median([one.mean_edge for one, _ in shapes.values()])), DEEP * deepest)
+    sights = views([surface for surface, _ in shapes.values()])
     states = {"before": {body.name: body.nodes for body in before}}
     if after is not None:
         states["after"] = dict(after)
-    items: list[Item] = []
-    gaps = {}
+    exclude, items, gaps = list(exclude), list[Item](), {}
     for state, nodes in states.items():
-        together = []
-        for number, (name, (surface, rows)) in enumerate(shapes.items()):
-            together.append(Shown(surface.moved(nodes[name][rows]), COLOURS[number % len(COLOURS)]))
-        for sight, word in zip(sights, ("", ", a quarter turn on"), strict=True):
-            items.append(Figure(picture(together, sight), f"All bodies {state}{word}"))
+        together = [
+            Shown(surface.moved(nodes[name][rows]), COLOURS[number % len(COLOURS)])
+            for number, (name, (surface, rows)) in enumerate(shapes.items())
+        ]
+        items += from_all(together, sights, f"All bodies {state}")
         placed = [Body(body.name, body.mesh.moved(nodes[body.name])) for body in before]
         gaps[state] = gap_map(placed, reach, exclude=exclude)
-    near = {name: any((gaps[state][name] < reach).any() for state in states) for name in shapes}
-    moved = {
-        body.name: np.linalg.norm(states.get("after", states["before"])[body.name] - body.nodes, axis=1)
-        for body in before
-    }
-    told = [name for name in shapes if near[name] or moved[name].any()]
-    for name in told[:MOST]:
-        surface, rows = shapes[name]
-        least = np.minimum.reduce([gaps[state][name][rows] for state in states])
-        touching = surface.vertices[least <= np.percentile(least, NEAREST)]
-        own = [facing(sight, [touching]) for sight in views([surface])]
-        if moved[name].any():
-            here = surface.moved(states["after"][name][rows])
-            items.append(f"{name}: how far it was moved.")
-            items += heat_pictures(here, {"displacement": moved[name][rows]}, own, unit)
-        for state, nodes in states.items() if near[name] else ():
-            here = surface.moved(nodes[name][rows])
-            items.append(f"{name}, {state}: gap to the nearest other body; negative inside it.")
-            items += heat_pictures(here, {"gap": gaps[state][name][rows]}, own, unit)
+    told = []
+    for name, shape in shapes.items():
+        one = _Seen(name, *shape, {s: states[s][name] for s in states}, {s: gaps[s][name] for s in states})
+        if one.moved.any() or one.near(reach):
+            told.append(one)
+    for one in told[:MOST]:
+        items += one.pictures(reach, unit)
     if len(told) > MOST:
         items.append(f"Pictures of the first {MOST} of {len(told)} bodies that touch others or were moved.")
-    plots = []
-    for name in told:
-        far = moved[name][moved[name] > 0]
-        drawn = histogram({"": far}, with_unit("displacement", unit), "moved nodes")
-        plots.append((drawn, f"{name}: how far its nodes were moved."))
-        close = {state: gaps[state][name][gaps[state][name] < reach] for state in states}
-        drawn = histogram(close, with_unit("gap", unit), "nodes near another body")
-        plots.append((drawn, f"{name}: gap to the nearest other body; negative inside it."))
-    spread = tuple(Figure(drawn, words) for drawn, words in plots if drawn)
+    spread = tuple(figure for one in told for figure in one.plots(reach, unit))
     return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Seen:
+    """A body in each state, "before" and perhaps "after"."""
+
+    name: str
+    surface: Surface
+    rows: Int  # the node of each of the surface's vertices
+    nodes: Mapping[str, Float]  # (n, 3) by state
+    gaps: Mapping[str, Float]  # (n,) by state
+
+    @cached_property
+    def moved(self) -> Float:
+        """(n,) how far each node was moved."""
+        return np.linalg.norm(self.nodes.get("after", self.nodes["before"]) - self.nodes["before"], axis=1)
+
+    def near(self, reach: float) -> bool:
+        """Whether another body is within reach in some state."""
+        return any((gap < reach).any() for gap in self.gaps.values())
+
+    def pictures(self, reach: float, unit: str) -> list[Item]:
+        """How far the body was moved, and its gaps, seen from where it touches others."""
+        least = np.minimum.reduce([gap[self.rows] for gap in self.gaps.values()])
+        touching = self.surface.vertices[least <= np.percentile(least, NEAREST)]
+        own = [facing(sight, [touching]) for sight in views([self.surface])]
+        items: list[Item] = []
+        if self.moved.any():
+            here = self.surface.moved(self.nodes["after"][self.rows])
+            items.append(f"{self.name}: how far it was moved.")
+            items += heat_pictures(here, {"displacement": self.moved[self.rows]}, own, unit)
+        if self.near(reach):
+            for state, nodes in self.nodes.items():
+                here = self.surface.moved(nodes[self.rows])
+                items.append(f"{self.name}, {state}: gap to the nearest other body; negative inside it.")
+                items += heat_pictures(here, {"gap": self.gaps[state][self.rows]}, own, unit)
+        return items
+
+    def plots(self, reach: float, unit: str) -> list[Figure]:
+        """Histograms of the same."""
+        close = {state: gap[gap < reach] for state, gap in self.gaps.items()}
+        plots = (
+            (
+                histogram({"": self.moved[self.moved > 0]}, with_unit("displacement", unit), "moved nodes"),
+                f"{self.name}: how far its nodes were moved.",
+            ),
+            (
+                histogram(close, with_unit("gap", unit), "nodes near another body"),
+                f"{self.name}: gap to the nearest other body; negative inside it.",
+            ),
+        )
+        return [Figure(drawn, words) for drawn, words in plots if drawn]
 
 
 def _surface(body: Body) -> tuple[Surface, Int]:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .deck import Deck, Load, Part
+from .deck import Deck, Load, OneFile, Part
 from .files import read_bytes
 from .mesh import Float, Int
 from .progress import FemorsError
@@ -38,7 +38,7 @@ _DATA = {"POINT_DATA", "CELL_DATA"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """A file, where its coordinates stand, and what they are."""
 
     path: Path
@@ -48,14 +48,6 @@ class Template:
     dtype: str
     text: bool
     nodes: Float
-
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
-
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
 
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes with the coordinates that changed."""
