@@ -294,7 +294,7 @@ COMMANDS = (
     ),
     Command(
         name="convert",
-        usage="IN OUT [options]",
+        usage="IN -o OUT [options]",
         help="Write IN in the format that OUT's name says; in its own format it stays as it is.",
         options=cli_convert.options,
         run=cli_convert.run,

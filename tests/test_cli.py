@@ -271,8 +271,40 @@ def test_a_folder_is_called_one(pair, tmp_path, capsys, no_morph):
 
 def test_a_typing_error_points_to_the_help_of_its_command(capsys, no_morph):
     said = refused(capsys, "morph", "a.stl", "b.stl", "-o", "c.stl", "--quite")
-    assert said == "femors: unrecognized arguments: --quite (see 'femors morph --help')\n"
+    assert said == (
+        "femors: unrecognized arguments: --quite; did you mean --quiet? (see 'femors morph --help')\n"
+    )
     assert "(see 'femors --help')" in refused(capsys, "--quite")
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (
+            ["morph", "a.stl", "b.stl", "--ou", "c.stl"],
+            "--ou; did you mean --out? (see 'femors morph --help')",
+        ),
+        (["morph", "a.stl", "b.stl", "-out", "c.stl"], "-out; did you mean --out?"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--spraed-start=5"], "did you mean --spread-start?"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--fix-unit"], "--fix-unit; did you mean --fix-units?"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--align", "affin"], "'affin'; did you mean affine?"),
+        (["overclosure", "a.stl", "b.stl", "--chek"], "--chek; did you mean --check?"),
+        (["mroph", "a.stl", "b.stl", "--report", "r.html"], "'mroph'; did you mean morph?"),
+        (["Transfer"], "did you mean transfer?"),
+        (["zzz"], "'zzz'; choose from morph, convert, quality,"),
+        (["--verison"], "--verison; did you mean --version? (see 'femors --help')"),
+    ],
+)
+def test_what_was_probably_meant(capsys, no_morph, argv, words):
+    assert words in refused(capsys, *argv)
+
+
+def test_nothing_far_fetched_is_meant(capsys, no_morph):
+    for argv in (
+        ["morph", "a.stl", "b.stl", "-o", "c.stl", "--zzzzz"],
+        ["morph", "a.stl", "-3", "-o", "c.stl", "x"],
+    ):
+        assert "did you mean" not in refused(capsys, *argv)
 
 
 def test_messages_of_the_core_name_the_file(pair, tmp_path, capsys, monkeypatch, morphed):

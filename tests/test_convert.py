@@ -131,7 +131,7 @@ def test_a_surface_as_a_deck_of_shells(tmp_path, capsys, source, suffix):
 
 
 def test_a_part_alone(box, tmp_path, capsys):
-    code, _, err = run(capsys, "convert", box, tmp_path / "roof.inp", "--part", "roof")
+    code, _, err = run(capsys, "convert", box, "--part", "roof", "-o", tmp_path / "roof.inp")
     assert code == 0, err
     deck = deckfiles.read_deck(tmp_path / "roof.inp")
     assert deck.mesh.node_ids.tolist() == [15, 16, 17, 18, 19]
@@ -192,7 +192,8 @@ def test_what_convert_refuses(box, tmp_path, capsys):
         ((box, tmp_path / "nowhere" / "o.stl"), "no folder"),
         ((tmp_path / "broken.inp", tmp_path / "o.stl"), "line 17: element 3 names node 99"),
         ((tmp_path / "empty.vtu", tmp_path / "o.stl"), "is empty"),
-        ((box,), "required: OUT"),
+        ((box,), "-o OUT is needed (see 'femors convert --help')"),
+        ((box, tmp_path / "a.stl", "-o", tmp_path / "b.stl"), "two outputs"),
     ):
         assert words in refused(capsys, "convert", *argv)
     (tmp_path / "broken.inp").unlink()
