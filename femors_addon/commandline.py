@@ -59,9 +59,9 @@ class Parser(argparse.ArgumentParser):
             name = text.partition("=")[0]
             if self._subparsers is not None and not name.startswith("-"):
                 break  # what follows is the command's
-            if name.startswith("--") and len(name) > 2 and name not in self._option_string_actions:
-                found.append(name)
-            elif len(name) > 2 and f"-{name}" in self._option_string_actions:
+            known = self._option_string_actions
+            short = f"-{name}" in known  # -out for --out
+            if len(name) > 2 and (short or (name.startswith("--") and name not in known)):
                 found.append(name)
         return found
 

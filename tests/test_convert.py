@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -388,3 +389,52 @@ def test_a_solid_follows(tmp_path, capsys):
     assert np.allclose(np.sort(size), 1, atol=0.05)
     assert json.loads((tmp_path / "r.json").read_text())["volume"]["newly_inverted"] == []
     assert (tmp_path / "f.npz").exists()
+
+
+# --- coordinates that are none ----------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("suffix", "words"),
+    [
+        (".stl", "corner 1 of triangle 2, counted from 1"),
+        (".ply", "vertex 3, counted from 0"),
+        (".obj", "vertex 4, counted from 1"),
+        (".inp", "line 6: the coordinates of node 4"),
+        (".feb", "line 8: x,y,z of node 4"),
+        (".bdf", "line 9: a coordinate was expected, not 'nan"),
+        *(
+            pytest.param(suffix, words, marks=needs_meshio)
+            for suffix, words in (
+                (".vtk", "first: node 4"),  # it brings ids along
+                (".msh", "first: node 4"),
+                (".mesh", "first: node 4"),
+            )
+        ),
+    ],
+)
+def test_a_vertex_that_is_not_finite_is_called_what_the_file_calls_it(tmp_path, capsys, suffix, words):
+    number = 777.25
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, number]], dtype=float)
+    faces = np.array([[0, 2, 1], [3, 0, 1], [3, 1, 2], [3, 2, 0]])
+    path = tmp_path / f"in{suffix}"
+    mesh = MeshFile(vertices, np.full(4, 3), faces.ravel())
+    for place, data in deckfiles.written(mesh, path).files.items():
+        spoilt = data.replace(b"7.7725000000000000e+02", b"nan").replace(b"777.25", b"nan")
+        for code in ("<f", ">f", "<d", ">d"):
+            spoilt = spoilt.replace(struct.pack(code, number), struct.pack(code, np.nan))
+        assert spoilt != data
+        Path(place).write_bytes(spoilt)
+    assert words in refused(capsys, "convert", path, "-o", tmp_path / "out.ply")
+
+
+@pytest.mark.parametrize(
+    ("kind", "cells"),
+    [
+        ("POLYDATA", "POLYGONS 1 4\n3 0 1 2\n"),
+        pytest.param("UNSTRUCTURED_GRID", "CELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n5\n", marks=needs_meshio),
+    ],
+)
+def test_a_point_of_vtk_without_ids_is_counted_from_zero_as_cells_do(tmp_path, capsys, kind, cells):
+    path = tmp_path / "in.vtk"
+    head = f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET {kind}\nPOINTS 3 double\n"
+    path.write_text(f"{head}0 0 0 1 0 0 0 nan 0\n{cells}")
+    assert "point 2, counted from 0" in refused(capsys, "convert", path, "-o", tmp_path / "out.ply")
