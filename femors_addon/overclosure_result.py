@@ -207,9 +207,8 @@ def _changes(bodies: Sequence[BodyResult]) -> list[str]:
         if change is None and before > 0:
             change = abs(after - before) / before
         if change is not None and change > MUCH:
-            notes.append(
-                f"{body.name}: the removal changed {change:.0%} of its volume; are the bodies in their places?"
-            )
+            words = f"the removal changed {change:.0%} of its volume; are the bodies in their places?"
+            notes.append(f"{body.name}: {words}")
     return notes
 
 

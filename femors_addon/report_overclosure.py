@@ -10,7 +10,7 @@ import numpy as np
 from .bodies import Body
 from .mesh import Float, Int, Surface
 from .overclosure_check import gap_map
-from .picture import BONE, Shown, facing, picture, views
+from .picture import BONE, Look, facing, views
 from .plots import histogram
 from .report_figures import SOURCE, TARGET, heat_pictures, with_unit
 from .report_html import Figure, Item, Section
@@ -53,11 +53,10 @@ def overclosure_figures(
     items: list[Item] = []
     gaps = {}
     for state, nodes in states.items():
-        together = []
-        for number, (name, (surface, rows)) in enumerate(shapes.items()):
-            together.append(Shown(surface.moved(nodes[name][rows]), COLOURS[number % len(COLOURS)]))
+        together = [surface.moved(nodes[name][rows]) for name, (surface, rows) in shapes.items()]
+        colours = [COLOURS[number % len(COLOURS)] for number in range(len(together))]
         for sight, word in zip(sights, ("", ", a quarter turn on"), strict=True):
-            items.append(Figure(picture(together, sight), f"All bodies {state}{word}"))
+            items.append(Figure(Look.of(together, sight).coloured(colours), f"All bodies {state}{word}"))
         placed = [Body(body.name, body.mesh.moved(nodes[body.name])) for body in before]
         gaps[state] = gap_map(placed, reach, exclude=exclude)
     near = {name: any((gaps[state][name] < reach).any() for state in states) for name in shapes}
@@ -71,14 +70,19 @@ def overclosure_figures(
         least = np.minimum.reduce([gaps[state][name][rows] for state in states])
         touching = surface.vertices[least <= np.percentile(least, NEAREST)]
         own = [facing(sight, [touching]) for sight in views([surface])]
+        placed_there = {state: surface.moved(nodes[name][rows]) for state, nodes in states.items()}
+        looks = {
+            state: [Look.of([here], sight) for sight in own]
+            for state, here in placed_there.items()
+            if near[name] or state == "after"
+        }
         if moved[name].any():
-            here = surface.moved(states["after"][name][rows])
             items.append(f"{name}: how far it was moved.")
-            items += heat_pictures(here, {"displacement": moved[name][rows]}, own, unit)
-        for state, nodes in states.items() if near[name] else ():
-            here = surface.moved(nodes[name][rows])
+            shown = {"displacement": moved[name][rows]}
+            items += heat_pictures(placed_there["after"], shown, looks["after"], unit)
+        for state, here in placed_there.items() if near[name] else ():
             items.append(f"{name}, {state}: gap to the nearest other body; negative inside it.")
-            items += heat_pictures(here, {"gap": gaps[state][name][rows]}, own, unit)
+            items += heat_pictures(here, {"gap": gaps[state][name][rows]}, looks[state], unit)
     if len(told) > MOST:
         items.append(f"Pictures of the first {MOST} of {len(told)} bodies that touch others or were moved.")
     plots = []
