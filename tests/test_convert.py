@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from femors_addon import cli, deckfiles, meshfiles
+from femors_addon import cli, cli_morph, deckfiles, meshfiles
 from femors_addon.meshfiles import MeshFile
 from femors_addon.morph import MorphResult
 from femors_addon.morph_settings import MorphSettings
@@ -313,10 +313,10 @@ def test_a_deck_as_the_target_and_a_surface_as_the_output(shells, tmp_path, caps
 
     def morph(one, two, settings=None, progress=None, **landmarks):
         called.append((len(one.vertices), len(two.vertices)))
-        return cli.MorphResult(**(vars(result) | {"vertices": one.vertices + 1.0}))
+        return cli_morph.MorphResult(**(vars(result) | {"vertices": one.vertices + 1.0}))
 
     result = real_result()
-    monkeypatch.setattr(cli, "morph", morph)
+    monkeypatch.setattr(cli_morph, "morph", morph)
     argv = ("morph", target, source, "-o", tmp_path / "o.ply", "--target-part", "BONE", "--quiet")
     assert run(capsys, *argv)[0] == 0
     assert meshfiles.read(tmp_path / "o.ply").vertices[0] == pytest.approx(
@@ -330,7 +330,7 @@ def test_a_deck_as_the_target_and_a_surface_as_the_output(shells, tmp_path, caps
 
 
 def real_result() -> MorphResult:
-    return cli.morph(
+    return cli_morph.morph(
         ball(4, (3, 4, 5)).surface(), ball(4, (3, 4, 5)).surface(), MorphSettings(alignment="none")
     )
 
@@ -339,7 +339,7 @@ def test_what_morph_refuses_of_decks(shells, tmp_path, capsys, monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("the morph was started")
 
-    monkeypatch.setattr(cli, "morph", never)
+    monkeypatch.setattr(cli_morph, "morph", never)
     source, target = shells
     files = sorted(tmp_path.iterdir())
     out = ("-o", tmp_path / "o.inp")
