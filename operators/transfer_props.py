@@ -36,6 +36,11 @@ OPTIONS = ("what", "result", "use_groups", "use_empties", "use_templates", "proj
 """Names of `transfer_options`."""
 
 
+def named(text: str) -> list[str]:
+    """Return names that stand in one string, with semicolons between."""
+    return [name.strip() for name in text.split(";") if name.strip()]
+
+
 def transfer_options(flags: frozenset[str] = FORM) -> dict[str, Any]:
     """Return the options of a transfer that concern Blender only; they are `OPTIONS`."""
     options = set(flags)
