@@ -27,9 +27,9 @@ RESULTS = (
 SORTS = (
     ("ORDER", "Order", "As they came"),
     ("NAME", "Name", "By name"),
-    ("distance", "Distance", "Farthest from the source's surface first"),
-    ("residual", "Residual", "Where the target is farthest from the morphed surface first"),
-    ("stretch", "Stretch", "Most stretched or squeezed first"),
+    ("distance", "Away", "Farthest from the source's surface first"),
+    ("residual", "Fit", "Where the target is farthest from the morphed surface first"),
+    ("stretch", "Scale", "Most stretched or squeezed first"),
     ("spread", "Spread", "Largest spread of the templates first"),
 )
 OPTIONS = ("what", "result", "use_groups", "use_empties", "use_templates", "project")
