@@ -168,6 +168,24 @@ def _first_bad(tokens: Sequence[bytes], kind: Callable[[bytes], float]) -> BadNu
     raise AssertionError("every token is a number")
 
 
+def require_finite(positions: NDArray[np.float64], things: str, called: Callable[[int], str]) -> None:
+    """Raise `FemorsError` where positions (n, 3) are not finite numbers.
+
+    Parameters
+    ----------
+    things : str
+        What has the positions: "vertices", "nodes".
+    called : callable
+        From the number of one, counted from 0, to what its file calls it.
+    """
+    bad = ~np.isfinite(positions).all(axis=1)
+    if bad.any():
+        raise FemorsError(
+            f"{int(bad.sum())} of {len(bad)} {things} have coordinates that are not finite numbers "
+            f"(first: {called(int(np.argmax(bad)))})"
+        )
+
+
 def shown(text: bytes, length: int = 30) -> str:
     """Return the beginning of some bytes as one line fit for a message."""
     plain = "".join(c if c.isprintable() else "?" for c in text[: 4 * length].decode("utf-8", "replace"))

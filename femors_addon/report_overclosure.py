@@ -12,7 +12,7 @@ import numpy as np
 from .bodies import Body
 from .mesh import Float, Int, Surface
 from .overclosure_check import gap_map
-from .picture import BONE, Shown, facing, views
+from .picture import BONE, Look, facing, views
 from .plots import histogram
 from .report_figures import SOURCE, TARGET, from_all, heat_pictures, with_unit
 from .report_html import Figure, Item, Section
@@ -53,11 +53,9 @@ def overclosure_figures(
         states["after"] = dict(after)
     exclude, items, gaps = list(exclude), list[Item](), {}
     for state, nodes in states.items():
-        together = [
-            Shown(surface.moved(nodes[name][rows]), COLOURS[number % len(COLOURS)])
-            for number, (name, (surface, rows)) in enumerate(shapes.items())
-        ]
-        items += from_all(together, sights, f"All bodies {state}")
+        surfaces = [surface.moved(nodes[name][rows]) for name, (surface, rows) in shapes.items()]
+        colours = [COLOURS[number % len(COLOURS)] for number in range(len(surfaces))]
+        items += from_all([Look.of(surfaces, sight) for sight in sights], colours, f"All bodies {state}")
         placed = [Body(body.name, body.mesh.moved(nodes[body.name])) for body in before]
         gaps[state] = gap_map(placed, reach, exclude=exclude)
     told = []
@@ -97,16 +95,20 @@ class _Seen:
         least = np.minimum.reduce([gap[self.rows] for gap in self.gaps.values()])
         touching = self.surface.vertices[least <= np.percentile(least, NEAREST)]
         own = [facing(sight, [touching]) for sight in views([self.surface])]
+        near, there = self.near(reach), {s: self.surface.moved(n[self.rows]) for s, n in self.nodes.items()}
+        looks = {
+            state: [Look.of([here], sight) for sight in own]
+            for state, here in there.items()
+            if near or state == "after"
+        }
         items: list[Item] = []
         if self.moved.any():
-            here = self.surface.moved(self.nodes["after"][self.rows])
+            shown = {"displacement": self.moved[self.rows]}
             items.append(f"{self.name}: how far it was moved.")
-            items += heat_pictures(here, {"displacement": self.moved[self.rows]}, own, unit)
-        if self.near(reach):
-            for state, nodes in self.nodes.items():
-                here = self.surface.moved(nodes[self.rows])
-                items.append(f"{self.name}, {state}: gap to the nearest other body; negative inside it.")
-                items += heat_pictures(here, {"gap": self.gaps[state][self.rows]}, own, unit)
+            items += heat_pictures(there["after"], shown, looks["after"], unit)
+        for state, here in there.items() if near else ():
+            items.append(f"{self.name}, {state}: gap to the nearest other body; negative inside it.")
+            items += heat_pictures(here, {"gap": self.gaps[state][self.rows]}, looks[state], unit)
         return items
 
     def plots(self, reach: float, unit: str) -> list[Figure]:
