@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -46,85 +44,100 @@ def overclosure_figures(
         Of lengths; "" where it is not known.
     """
     shapes = {body.name: _surface(body) for body in before}
-    reach = max(EDGES * float(np.median([one.mean_edge for one, _ in shapes.values()])), DEEP * deepest)
-    sights = views([surface for surface, _ in shapes.values()])
     states = {"before": {body.name: body.nodes for body in before}}
     if after is not None:
         states["after"] = dict(after)
-    exclude, items, gaps = list(exclude), list[Item](), {}
+    reach = max(EDGES * float(np.median([one.mean_edge for one, _ in shapes.values()])), DEEP * deepest)
+    exclude, gaps = list(exclude), {}
     for state, nodes in states.items():
-        surfaces = [surface.moved(nodes[name][rows]) for name, (surface, rows) in shapes.items()]
-        colours = [COLOURS[number % len(COLOURS)] for number in range(len(surfaces))]
-        items += from_all([Look.of(surfaces, sight) for sight in sights], colours, f"All bodies {state}")
         placed = [Body(body.name, body.mesh.moved(nodes[body.name])) for body in before]
         gaps[state] = gap_map(placed, reach, exclude=exclude)
-    told = []
-    for name, shape in shapes.items():
-        one = _Seen(name, *shape, {s: states[s][name] for s in states}, {s: gaps[s][name] for s in states})
-        if one.moved.any() or one.near(reach):
-            told.append(one)
-    for one in told[:MOST]:
-        items += one.pictures(reach, unit)
+    items, told = _together(shapes, states), []
+    spread: list[Figure] = []
+    for body in before:
+        surface, rows = shapes[body.name]
+        nodes = {state: places[body.name] for state, places in states.items()}
+        moved = np.linalg.norm(nodes.get("after", body.nodes) - body.nodes, axis=1)
+        gap = {state: values[body.name] for state, values in gaps.items()}
+        near = any((values < reach).any() for values in gap.values())
+        if not (near or moved.any()):
+            continue
+        told.append(body.name)
+        if len(told) <= MOST:
+            places = {state: surface.moved(where[rows]) for state, where in nodes.items()}
+            on = {state: values[rows] for state, values in gap.items()} if near else {}
+            items += _alone(body.name, surface, places, moved[rows], on, unit)
+        spread += _spread(body.name, moved, {state: v[v < reach] for state, v in gap.items()}, unit)
     if len(told) > MOST:
         items.append(f"Pictures of the first {MOST} of {len(told)} bodies that touch others or were moved.")
-    spread = tuple(figure for one in told for figure in one.plots(reach, unit))
-    return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
+    return [Section("Pictures", tuple(items)), Section("Distributions", tuple(spread))]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Seen:
-    """A body in each state, "before" and perhaps "after"."""
+def _together(
+    shapes: Mapping[str, tuple[Surface, Int]], states: Mapping[str, Mapping[str, Float]]
+) -> list[Item]:
+    """Return pictures of all bodies in each state."""
+    sights = views([surface for surface, _ in shapes.values()])
+    colours = [COLOURS[number % len(COLOURS)] for number in range(len(shapes))]
+    items: list[Item] = []
+    for state, nodes in states.items():
+        together = [surface.moved(nodes[name][rows]) for name, (surface, rows) in shapes.items()]
+        looks = [Look.of(together, sight) for sight in sights]
+        items += from_all(looks, colours, f"All bodies {state}")
+    return items
 
-    name: str
-    surface: Surface
-    rows: Int  # the node of each of the surface's vertices
-    nodes: Mapping[str, Float]  # (n, 3) by state
-    gaps: Mapping[str, Float]  # (n,) by state
 
-    @cached_property
-    def moved(self) -> Float:
-        """(n,) how far each node was moved."""
-        return np.linalg.norm(self.nodes.get("after", self.nodes["before"]) - self.nodes["before"], axis=1)
+def _alone(
+    name: str,
+    surface: Surface,
+    places: Mapping[str, Surface],
+    moved: Float,
+    gaps: Mapping[str, Float],
+    unit: str,
+) -> list[Item]:
+    """Return pictures of a body, seen from where it touches others.
 
-    def near(self, reach: float) -> bool:
-        """Whether another body is within reach in some state."""
-        return any((gap < reach).any() for gap in self.gaps.values())
+    Parameters
+    ----------
+    surface : Surface
+        As it was given.
+    places : dict of str to Surface
+        In each state.
+    moved : (n,) array
+        How far each vertex was moved.
+    gaps : dict of str to (n,) array
+        To the nearest other body in each state; empty where none is near.
+    """
+    sights = views([surface])
+    if gaps:
+        least = np.minimum.reduce(list(gaps.values()))
+        touching = surface.vertices[least <= np.percentile(least, NEAREST)]
+        sights = [facing(sight, [touching]) for sight in sights]
+    shown = [state for state in places if gaps or state == "after"]
+    looks = {state: [Look.of([places[state]], sight) for sight in sights] for state in shown}
+    items: list[Item] = []
+    if moved.any():
+        items.append(f"{name}: how far it was moved.")
+        items += heat_pictures(places["after"], {"displacement": moved}, looks["after"], unit)
+    for state, gap in gaps.items():
+        items.append(f"{name}, {state}: gap to the nearest other body; negative inside it.")
+        items += heat_pictures(places[state], {"gap": gap}, looks[state], unit)
+    return items
 
-    def pictures(self, reach: float, unit: str) -> list[Item]:
-        """How far the body was moved, and its gaps, seen from where it touches others."""
-        least = np.minimum.reduce([gap[self.rows] for gap in self.gaps.values()])
-        touching = self.surface.vertices[least <= np.percentile(least, NEAREST)]
-        own = [facing(sight, [touching]) for sight in views([self.surface])]
-        near, there = self.near(reach), {s: self.surface.moved(n[self.rows]) for s, n in self.nodes.items()}
-        looks = {
-            state: [Look.of([here], sight) for sight in own]
-            for state, here in there.items()
-            if near or state == "after"
-        }
-        items: list[Item] = []
-        if self.moved.any():
-            shown = {"displacement": self.moved[self.rows]}
-            items.append(f"{self.name}: how far it was moved.")
-            items += heat_pictures(there["after"], shown, looks["after"], unit)
-        for state, here in there.items() if near else ():
-            items.append(f"{self.name}, {state}: gap to the nearest other body; negative inside it.")
-            items += heat_pictures(here, {"gap": self.gaps[state][self.rows]}, looks[state], unit)
-        return items
 
-    def plots(self, reach: float, unit: str) -> list[Figure]:
-        """Histograms of the same."""
-        close = {state: gap[gap < reach] for state, gap in self.gaps.items()}
-        plots = (
-            (
-                histogram({"": self.moved[self.moved > 0]}, with_unit("displacement", unit), "moved nodes"),
-                f"{self.name}: how far its nodes were moved.",
-            ),
-            (
-                histogram(close, with_unit("gap", unit), "nodes near another body"),
-                f"{self.name}: gap to the nearest other body; negative inside it.",
-            ),
-        )
-        return [Figure(drawn, words) for drawn, words in plots if drawn]
+def _spread(name: str, moved: Float, close: Mapping[str, Float], unit: str) -> list[Figure]:
+    """Return histograms of how far a body's nodes were moved, and of the gaps of those near another."""
+    plots = (
+        (
+            histogram({"": moved[moved > 0]}, with_unit("displacement", unit), "moved nodes"),
+            f"{name}: how far its nodes were moved.",
+        ),
+        (
+            histogram(close, with_unit("gap", unit), "nodes near another body"),
+            f"{name}: gap to the nearest other body; negative inside it.",
+        ),
+    )
+    return [Figure(drawn, words) for drawn, words in plots if drawn]
 
 
 def _surface(body: Body) -> tuple[Surface, Int]:
