@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .bodies import Solid
+from .crew import together
 from .intersect import piercings
-from .limits import in_threads
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 
@@ -116,9 +116,7 @@ class Pair:
         """Measure all gaps anew that may be below `reach`."""
         self.sides[0].frame = self.offset
         self.sides[0].shift, self.sides[1].shift = self.offset, -self.offset
-        for solid in (self.one, self.two):
-            _ = solid.surface.bounds  # made once, not by each thread
-        list(in_threads(lambda side: side.look(reach), self.sides))
+        together([lambda s=side: s.look(reach) for side in self.sides])
 
     def shifted(self, offset: Float) -> None:
         """Look at the pair with the first body at another offset from now on."""
@@ -129,6 +127,8 @@ class Pair:
 
     def moved(self, steps: dict[str, tuple[Float, float]]) -> None:
         """Take note that bodies moved: by name (distance of each vertex of the surface, the largest)."""
+        if not steps.keys() & set(self.names):  # another thread may be at work on this pair
+            return
         for side in self.sides:
             own, _ = steps.get(side.body.name, (0.0, 0.0))
             _, other = steps.get(side.other.name, (0.0, 0.0))
@@ -154,7 +154,7 @@ class Pair:
 
     def pierce(self) -> int:
         """Find the edges that pierce the other surface, to be kept from it from now on; return how many."""
-        return sum(in_threads(Side.pierce, self.sides))
+        return sum(together([side.pierce for side in self.sides]))
 
 
 class Side:

@@ -6,6 +6,7 @@ The same measure finds overclosures before a removal and certifies afterwards th
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,9 +20,9 @@ from . import triples
 from .bodies import Body, Solid
 from .booleans import shared_volume
 from .contact import Region
+from .crew import each, together
 from .distances import Distances, Target, distances
 from .intersect import crossings, piercings
-from .limits import in_threads
 from .mesh import Float, Surface, edge_matrix
 from .progress import FemorsError, Progress, silent
 
@@ -172,11 +173,18 @@ def find(
     """
     found = []
     targets = [Target(solid) for solid in solids]
-    for number, ((i, j), gap) in enumerate(gaps.items()):
-        progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
-        finding = measure(targets[i], targets[j], gap, max(band, 2.0 * gap), volumes, bounds)
-        if finding is not None:
-            found.append(finding)
+    measured = each(
+        [
+            lambda i=i, j=j, g=gap: measure(targets[i], targets[j], g, max(band, 2.0 * g), volumes, bounds)
+            for (i, j), gap in gaps.items()
+        ]
+    )
+    with contextlib.closing(measured):  # where progress raises, what has not begun is dropped
+        for number, (i, j) in enumerate(gaps):
+            progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
+            finding = next(measured)
+            if finding is not None:
+                found.append(finding)
     return sorted(found, key=lambda f: f.least)
 
 
@@ -193,7 +201,7 @@ def measure(
     limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
     slack = _rounding(a) + _rounding(b)
     ways = ((one, two), (two, one))
-    both = in_threads(lambda ends: distances(ends[0].surface, ends[1], reach), ways)
+    both = together([lambda s=own.surface, o=other: distances(s, o, reach) for own, other in ways])
     for (own, other), found in zip(ways, both, strict=True):
         if bounds is not None:
             bounds[own.solid.name, other.solid.name] = found.bound
@@ -207,8 +215,13 @@ def measure(
         # a ball whose socket has closed in on it comes free by its own side: that is no body in a body
         swallowed = deep.any() and wrong[distance < 0].mean() > SWALLOWED
         inside.append(deep if swallowed else np.zeros_like(deep))
-    pairs = len(crossings(*(part.bare() for part in near)))
-    pairs = max(pairs, len(crossings(*(_single(part) for part in near))))
+    met = together(
+        [
+            lambda: len(crossings(*(part.bare() for part in near))),
+            lambda: len(crossings(*(_single(part) for part in near))),
+        ]
+    )
+    pairs = max(met)
     if least >= band and not pairs:
         return None
     if least >= reach:  # large faces cross, and no node is near

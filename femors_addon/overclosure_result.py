@@ -12,6 +12,7 @@ import numpy as np
 from . import booleans
 from .bodies import Solid
 from .contact import Region
+from .crew import together
 from .intersect import crossings
 from .overclosure_check import CONTAINED, NEAR, Finding
 from .overclosure_figures import BodyResult, figures_of
@@ -137,7 +138,12 @@ def result_of(
     stop: str,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is ""."""
-    bodies = tuple(figures_of(solid, efforts) for solid in solids)
+    notes, *bodies = together(
+        [
+            lambda: notes_of(solids, before),
+            *[lambda s=solid: figures_of(s, efforts) for solid in solids],
+        ]
+    )
     reasons = [_reason(finding, solids, after, stop) for finding in after if not finding.clear]
     reasons += [
         f"'{body.name}': {len(body.inverted_new)} elements inverted (first: {int(body.inverted_new[0])})"
@@ -145,7 +151,7 @@ def result_of(
         if len(body.inverted_new)
     ]
     return OverclosureResult(
-        bodies=bodies,
+        bodies=tuple(bodies),
         before=tuple(before),
         after=tuple(after),
         certified=not reasons,
@@ -153,7 +159,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes_of(solids, before), *_folds(bodies)),
+        notes=(*notes, *_folds(bodies)),
     )
 
 
