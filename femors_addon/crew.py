@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, TypeVar
 
 from . import limits
@@ -46,11 +47,11 @@ def crew() -> Iterator[None]:
             thread.join()
 
 
-def each(jobs: Sequence[Job[R]]) -> Iterator[R]:
+def each(jobs: Sequence[Job[R]]) -> Generator[R]:
     """Yield what each job returns, in their order; none may need what another writes.
 
-    The consumer may raise, `Cancelled` for instance: jobs that have not begun are dropped, and those that have
-    are waited for. The same holds where a job raises.
+    The consumer may raise, `Cancelled` for instance: jobs that have not begun are dropped, and those that
+    have are waited for. The same holds where a job raises.
     """
     mine: _Crew | None = getattr(_here, "crew", None)
     if mine is None or len(jobs) < 2:
@@ -159,7 +160,7 @@ class _Order:
         self._crew, self._left = mine, len(jobs)
         self._needs = [set(need) for need in needs]
         self._failed = False
-        self._tasks = [_Task(lambda n=number, job=job: self._run(n, job)) for number, job in enumerate(jobs)]
+        self._tasks = [_Task(partial(self._run, number, job)) for number, job in enumerate(jobs)]
 
     def results(self) -> list[Any]:
         """Work until all is done."""
@@ -167,10 +168,12 @@ class _Order:
         mine.offer([task for task, need in zip(self._tasks, self._needs, strict=True) if not need])
         while True:
             with mine.changed:
-                while self._left and (task := mine.take()) is None:
+                task = mine.take()
+                while self._left and task is None:
                     mine.changed.wait()
-                if not self._left:
-                    break
+                    task = mine.take()
+            if task is None:
+                break
             task.run()
         return [task.outcome() for task in self._tasks]
 

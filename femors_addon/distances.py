@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .bodies import Solid
-from .contact import Region
+from .cutouts import Region
 from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
 
@@ -74,7 +74,9 @@ class Target:
             low, high = triples.box(points)
             wide = reach * (1.0 + 1e-9)  # a distance is rounded
             part = Region.of(self.surface, low - wide, high + wide).surface
-            if 2 * len(part.faces) < len(self.surface.faces):  # whatever is there: bits must not go by the order
+            if 2 * len(part.faces) < len(
+                self.surface.faces
+            ):  # whatever is there: bits must not go by the order
                 index = SurfaceIndex(part)
         index = index or self.index
         found = index.closest(points)

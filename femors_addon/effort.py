@@ -8,6 +8,8 @@ was pushed too far; *clearing* only pushes, until neither a node nor an edge is 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from . import triples
@@ -167,7 +169,7 @@ def apply(effort: Effort, field: ContactField) -> dict[str, tuple[Float, float]]
     pair = effort.pair
     ways = ((pair.one, pair.weights[0], pair.offset), (pair.two, -pair.weights[1], np.zeros(3)))
     moving = [way for way in ways if way[1] != 0.0]
-    steps = together([lambda w=way: _step(field, *w) for way in moving])
+    steps = together([partial(_step, field, *way) for way in moving])
     return {way[0].name: step for way, step in zip(moving, steps, strict=True)}
 
 

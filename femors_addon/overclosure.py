@@ -4,8 +4,8 @@
 Pairs are found by themselves. In every iteration each pair in turn is looked at as the others have left
 it, a GRNN over the vectors of both bodies (the second body's negated) gives its field, and both bodies
 take their share of it, inner nodes too. The loop ends on a certificate from a search built anew: gaps,
-crossings, containment and elements. See `removal` and `removal_loop` for the story, `effort` for what is done about
-a pair, `contact_field` for the field, and `overclosure_check` for the measure.
+crossings, containment and elements. See `removal` and `removal_loop` for the story,
+`effort` for what is done about a pair, `contact_field` for the field, `overclosure_check` for the measure.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Container, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Sol
     if twice is not None:
         raise FemorsError(f"two bodies are named '{twice}'; each needs a name of its own")
     solids = together(
-        [lambda b=body, s=share: Solid(b, s) for body, share in zip(bodies, shares(list(bodies)), strict=True)]
+        [partial(Solid, body, share) for body, share in zip(bodies, shares(list(bodies)), strict=True)]
     )
     for i, one in enumerate(solids):
         for two in solids[:i]:
@@ -119,9 +120,7 @@ class Removal:
 
     def _find(self, progress: Progress, bounds: Bounds | None = None) -> list[Finding]:
         """Measure all pairs anew."""
-        return find(
-            self.solids, self._asked, band_of(self.solids, self._settings), progress, bounds=bounds
-        )
+        return find(self.solids, self._asked, band_of(self.solids, self._settings), progress, bounds=bounds)
 
     def _begun(self, bounds: Bounds, stuck: Container[tuple[str, str]] = ()) -> list[Effort]:
         """Return an effort for each pair that may have to be moved, in the order of the bodies.
@@ -145,7 +144,7 @@ class Removal:
             for side in pair.sides:
                 side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
             stride = self._stride((i, j), deepest)
-            jobs.append(lambda p=pair, m=margin, s=stride: Effort(p, settings, m, s, p.names in stuck))
+            jobs.append(partial(Effort, pair, settings, margin, stride, pair.names in stuck))
         return together(jobs)
 
     def _removed(
@@ -175,7 +174,7 @@ class Removal:
         return stop, after
 
     def _parted(self, progress: Progress) -> None:
-        """Begin anew with the pairs that are stuck held apart; where that ends no better, leave all as it was."""
+        """Begin anew with the pairs that are stuck held apart; what ends no better is dropped."""
         through = {effort.pair.names for effort in self.efforts if effort.through}
         stuck = {finding.names for finding in self.after if not finding.clear} - through
         here = [(solid.points, solid.held) for solid in self.solids]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -69,13 +70,13 @@ def loop(
 
 def _sweep(efforts: list[Effort]) -> tuple[float, int, float]:
     """Move every pair once; return (largest depth that is missing, edges that pierce, largest spread)."""
-    found = ordered([lambda e=effort: _moved(e, efforts) for effort in efforts], _needs(efforts))
+    found = ordered([partial(_moved, effort, efforts) for effort in efforts], _needs(efforts))
     missing, pierced, spread = zip(*found, strict=True) if found else ((0.0,), (0,), (0.0,))
     return max(0.0, *missing), sum(pierced), max(0.0, *spread)
 
 
 def _needs(efforts: list[Effort]) -> list[set[int]]:
-    """Return for each pair those that must have had their turn: the last before it that may move its bodies."""
+    """Return for each pair those that must be done before: the last that may move one of its bodies."""
     last: dict[str, int] = {}
     needs = []
     for number, effort in enumerate(efforts):

@@ -14,7 +14,9 @@ pytestmark = pytest.mark.skipif(not booleans.available(), reason="manifold3d is 
 BALL = sphere(4, radius=10.0)
 
 
-def dented(ball: Surface, *poles: tuple[float, float, float], depth: float = 0.5, wide: float = 3.0) -> Surface:
+def dented(
+    ball: Surface, *poles: tuple[float, float, float], depth: float = 0.5, wide: float = 3.0
+) -> Surface:
     """Push a ball in at some places, and out in the middle of each dent."""
     vertices = ball.vertices.copy()
     for pole in poles:
@@ -36,7 +38,9 @@ def test_a_patch_differs_as_the_whole_does(poles, monkeypatch):
 def test_only_the_patch_is_handed_on(monkeypatch):
     seen = []
     whole = booleans._manifold
-    monkeypatch.setattr(booleans, "_manifold", lambda surface: seen.append(len(surface.faces)) or whole(surface))
+    monkeypatch.setattr(
+        booleans, "_manifold", lambda surface: seen.append(len(surface.faces)) or whole(surface)
+    )
     booleans.xor_volume(BALL, dented(BALL, (0, 0, 1)))
     assert max(seen) < 0.1 * len(BALL.faces)
 
