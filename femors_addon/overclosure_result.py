@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import booleans
 from .bodies import Solid
-from .contact import Region
+from .crew import together
+from .cutouts import Region
+from .findings import CONTAINED, NEAR, Finding
 from .intersect import crossings
-from .overclosure_check import CONTAINED, NEAR, Finding
 from .overclosure_figures import BodyResult, figures_of
 from .overclosure_settings import OverclosureSettings
 
@@ -138,7 +140,9 @@ def result_of(
     stop: str,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is ""."""
-    bodies = tuple(figures_of(solid, efforts) for solid in solids)
+    jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
+    jobs += [partial(figures_of, solid, efforts) for solid in solids]
+    notes, *bodies = together(jobs)
     reasons = [_reason(finding, solids, after, stop) for finding in after if not finding.clear]
     reasons += [
         f"'{body.name}': {len(body.inverted_new)} elements inverted (first: {int(body.inverted_new[0])})"
@@ -146,7 +150,7 @@ def result_of(
         if len(body.inverted_new)
     ]
     return OverclosureResult(
-        bodies=bodies,
+        bodies=tuple(bodies),
         before=tuple(before),
         after=tuple(after),
         certified=not reasons,
@@ -154,7 +158,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes_of(solids, before), *_folds(bodies), *_changes(bodies)),
+        notes=(*notes, *_folds(bodies), *_changes(bodies)),
     )
 
 
