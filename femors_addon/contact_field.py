@@ -26,8 +26,6 @@ from .mesh import Float, Int
 FADE, END = 1.7, 2.6  # spreads from the patch: where the field begins to fade, and where it is zero
 CUT = 2.4  # spreads beyond which a weight (below 2 %) is left out
 ROUNDS = 4  # corrections of the amounts
-CROWD = 150.0  # centres in reach: fewer are summed one by one
-BLOCK = 20_000  # points at a time then: about 100 MB at most
 PER_SPREAD = 3.0  # centres a spread, at most, along each axis
 
 
@@ -43,15 +41,12 @@ class ContactField:
     spread : float
     background : float
         The density D.
-    crowd : float
-        Centres within `CUT` of a centre, on average.
     """
 
     centres: Float
     vectors: Float
     spread: float
     background: float
-    crowd: float = np.inf
 
     @classmethod
     def fitted(
@@ -63,7 +58,7 @@ class ContactField:
         """
         rows = representatives(contacts.points, asked, spread / PER_SPREAD)
         points, ways, asked = contacts.points[rows], contacts.ways[rows], asked[rows]
-        weights = _Weights.of(points, points, spread)
+        weights = _Weights.of(points, spread)
         density = weights.totals()
         violated = density[asked > 0] if (asked > 0).any() else density
         background = float(np.median(violated))
@@ -82,9 +77,7 @@ class ContactField:
             amounts += asked
             if least is not None:
                 np.maximum(amounts, least[rows], out=amounts)
-        return cls(
-            points, amounts[:, None] * ways, spread, background, len(weights.value) / max(len(points), 1)
-        )
+        return cls(points, amounts[:, None] * ways, spread, background)
 
     def __call__(self, points: Float) -> tuple[Int, Float]:
         """Return the rows of points (p, 3) that move, and their displacements."""
@@ -96,54 +89,42 @@ class ContactField:
             return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
         far = cKDTree(acting).query(points[rows], distance_upper_bound=END * self.spread)[0] / self.spread
         rows, far = rows[far < END], far[far < END]
-        sums = self._sums(points[rows])
+        sums = _sums(self.centres, self.vectors, self.spread, points[rows])
         out = sums[:, :3] / np.maximum(sums[:, 3:], self.background)
         t = np.clip((far - FADE) / (END - FADE), 0.0, 1.0)
         return rows, out * (1.0 - t * t * (3.0 - 2.0 * t))[:, None]
 
-    def _sums(self, points: Float) -> Float:
-        """Sums (p, 4) of weighted vectors and of weights."""
-        if self.crowd > CROWD:  # in single precision, cube by cube
-            values = np.column_stack((self.vectors, np.ones(len(self.centres))))
-            cells = Cells.of(self.centres, CUT * self.spread)
-            return cells.sums(values, self.spread, points).astype(np.float64)
-        out = np.empty((len(points), 4))
-        for start in range(0, len(points), BLOCK):
-            weights = _Weights.of(points[start : start + BLOCK], self.centres, self.spread)
-            for axis in range(3):
-                out[start : start + BLOCK, axis] = weights.totals(self.vectors[:, axis])
-            out[start : start + BLOCK, 3] = weights.totals()
-        return out
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Weights:
-    """Weights (w,) of centres for points, those beyond `CUT` left out, and the rows (w,) of both."""
+    """Weights (w,) of points for each other, those beyond `CUT` left out, and the rows (w,) of both."""
 
-    point: Int
-    centre: Int
+    row: Int
+    column: Int
     value: Float
-    shape: tuple[int, int]
+    count: int
 
     @classmethod
-    def of(cls, points: Float, centres: Float, spread: float) -> _Weights:
+    def of(cls, points: Float, spread: float) -> _Weights:
         tree = cKDTree(points)
-        other = tree if centres is points else cKDTree(centres)
-        found = tree.sparse_distance_matrix(other, CUT * spread, output_type="ndarray")
-        weights = np.exp(-LN2 * (found["v"] / spread) ** 2)
-        return cls(found["i"], found["j"], weights, (len(points), len(centres)))
+        found = tree.sparse_distance_matrix(tree, CUT * spread, output_type="ndarray")
+        return cls(found["i"], found["j"], np.exp(-LN2 * (found["v"] / spread) ** 2), len(points))
 
-    def totals(self, values: Float | None = None) -> Float:
-        """Return the sums (p,) of the weights, times the values (c,) of the centres if there are any."""
-        weights = self.value if values is None else self.value * values[self.centre]
-        return np.asarray(np.bincount(self.point, weights, self.shape[0]), dtype=np.float64)
+    def totals(self) -> Float:
+        """Return the sum (k,) of each point's weights."""
+        return np.asarray(np.bincount(self.row, self.value, self.count), dtype=np.float64)
 
     def matrix(self, chosen: NDArray[np.bool_]) -> sparse.csr_matrix:
-        """Return the weights (p, k) of the chosen (c,) centres."""
-        rank = np.cumsum(chosen) - 1
-        kept = np.flatnonzero(chosen[self.centre])
-        row, column = self.point[kept], rank[self.centre[kept]]
-        return sparse.csr_matrix((self.value[kept], (row, column)), shape=(self.shape[0], int(chosen.sum())))
+        """Return the weights (k, c) of the chosen points for all."""
+        kept = np.flatnonzero(chosen[self.column])
+        place = self.row[kept], (np.cumsum(chosen) - 1)[self.column[kept]]
+        return sparse.csr_matrix((self.value[kept], place), shape=(self.count, int(chosen.sum())))
+
+
+def _sums(centres: Float, vectors: Float, spread: float, points: Float) -> Float:
+    """Sums (p, 4) of weighted vectors and of weights, in single precision."""
+    values = np.column_stack((vectors, np.ones(len(centres))))
+    return Cells.of(centres, CUT * spread).sums(values, spread, points).astype(np.float64)
 
 
 def representatives(points: Float, asked: Float, size: float) -> Int:
