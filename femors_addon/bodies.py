@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triples
-from .mesh import Float, Int, Surface, clean
+from .cleaning import clean
+from .mesh import Float, Int, Surface
 from .nearest import Closest
 from .progress import FemorsError, Progress, silent
 from .volume import VolumeMesh, carry_mid_nodes

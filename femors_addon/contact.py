@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,10 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .bodies import Solid
-from .intersect import piercings
-from .limits import in_threads
-from .mesh import Float, Int, Surface
+from .crew import together
+from .cutouts import Region
+from .meeting import REACH, Meeting, Pierced
+from .mesh import Float, Int
 from .nearest import SurfaceIndex
 
 FACING = -0.2  # cosine between a node's own normal and its way out, above which it leaves by the wrong side
@@ -49,43 +51,6 @@ class Contacts:
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in dataclasses.fields(cls)))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Region:
-    """The faces of a surface that reach into a box, as a surface of their own; `vertex` tells which."""
-
-    surface: Surface
-    vertex: Int
-
-    @classmethod
-    def of(cls, surface: Surface, low: Float, high: Float) -> Region:
-        """Cut out the faces whose own boxes reach into a box."""
-        # on which sides of the box a vertex is, one bit each: a face with a side in common is outside
-        sides = np.zeros(len(surface.vertices), dtype=np.uint8)
-        for axis in range(3):
-            column = surface.vertices[:, axis]
-            sides |= (column < low[axis]).astype(np.uint8) << 2 * axis
-            sides |= (column > high[axis]).astype(np.uint8) << 2 * axis + 1
-        a, b, c = (sides[corner] for corner in surface.faces.T)
-        return cls.cut(surface, (a & b & c) == 0)
-
-    @classmethod
-    def cut(cls, surface: Surface, chosen: NDArray, shift: Float | float = 0.0) -> Region:
-        """Cut out, and shift, the chosen faces (indices, or true for each)."""
-        vertex, local = triples.renumbered(surface.faces[chosen], len(surface.vertices))
-        return cls(Surface(surface.vertices[vertex] + shift, local), vertex)
-
-    @classmethod
-    def near(cls, surface: Surface, bound: Float, shift: Float, longest: float = np.inf) -> Region:
-        """Cut out, and shift, faces whose edges may reach a surface that is at least `bound` (n,) away.
-
-        An edge that meets a surface has an end within half its length of it; none is longer than `longest`.
-        """
-        nearest = triples.least(bound[surface.faces])
-        near = np.flatnonzero(nearest <= 0.5 * longest)
-        sides = np.sqrt(triples.longest_squared(surface.vertices.take(surface.faces[near], axis=0)))
-        return cls.cut(surface, near[nearest[near] <= 0.5 * sides], shift)
-
-
 class Pair:
     """Two bodies of which one may have to give way to the other.
 
@@ -106,6 +71,7 @@ class Pair:
         self.weights = (one.share / total, two.share / total) if total > 0 else (0.0, 0.0)
         self.offset = np.zeros(3)
         self.sides = (Side(one, two, 1.0), Side(two, one, -1.0))
+        self._meeting = Meeting(one, two)
 
     @property
     def names(self) -> tuple[str, str]:
@@ -116,9 +82,7 @@ class Pair:
         """Measure all gaps anew that may be below `reach`."""
         self.sides[0].frame = self.offset
         self.sides[0].shift, self.sides[1].shift = self.offset, -self.offset
-        for solid in (self.one, self.two):
-            _ = solid.surface.bounds  # made once, not by each thread
-        list(in_threads(lambda side: side.look(reach), self.sides))
+        together([partial(side.look, reach) for side in self.sides])
 
     def shifted(self, offset: Float) -> None:
         """Look at the pair with the first body at another offset from now on."""
@@ -129,6 +93,8 @@ class Pair:
 
     def moved(self, steps: dict[str, tuple[Float, float]]) -> None:
         """Take note that bodies moved: by name (distance of each vertex of the surface, the largest)."""
+        if not steps.keys() & set(self.names):  # another thread may be at work on this pair
+            return
         for side in self.sides:
             own, _ = steps.get(side.body.name, (0.0, 0.0))
             _, other = steps.get(side.other.name, (0.0, 0.0))
@@ -136,11 +102,13 @@ class Pair:
 
     def rest(self) -> None:
         """Let go of what only the next look needs."""
+        self._meeting.forget()
         for side in self.sides:
             side.rest()
 
     def forget(self) -> None:
         """Measure everything anew the next time."""
+        self._meeting.forget()
         for side in self.sides:
             side.bound[:] = -np.inf
 
@@ -154,7 +122,11 @@ class Pair:
 
     def pierce(self) -> int:
         """Find the edges that pierce the other surface, to be kept from it from now on; return how many."""
-        return sum(in_threads(Side.pierce, self.sides))
+        if any(side.beyond(REACH) for side in self.sides):
+            return 0
+        one, two = self.sides
+        found = self._meeting.pierced((self.offset, np.zeros(3)), (one.bound, two.bound))
+        return sum(side.pierced(edges) for side, edges in zip(self.sides, found, strict=True))
 
 
 class Side:
@@ -280,24 +252,20 @@ class Side:
         along = np.einsum("ij,ij->i", points[wrong] - points[right[nearest[beside]]], guide.ways)
         return wrong, _Gaps(guide.gaps + along, guide.ways, guide.feet)
 
-    def pierce(self) -> int:
-        """Find the edges that pierce the other surface, and keep a place on each; return how many do."""
-        if self._index is None or self._region is None:
-            return 0
+    def beyond(self, share: float) -> bool:
+        """Whether no node is within a share of the longest edge of the other surface."""
         longest = self.body.longest + 2.0 * float(triples.length(self.body.displacement).max())
-        if self.bound.min() > 0.5 * longest:
-            return 0
-        near = Region.near(self.body.surface, self.bound, self.shift, longest)
-        if not len(near.surface.faces):
-            return 0
-        found = piercings(near.surface, self._region.surface)
-        if not len(found.edge):
+        return bool(self.bound.min() > share * longest)
+
+    def pierced(self, found: Pierced) -> int:
+        """Keep a place on each of the edges that pierce the other surface; return how many do."""
+        if self._index is None or not len(found.t):
             return 0
         # the middles between one piercing and the next along an edge, its ends counting too where they are
         # inside; those of parts outside do no harm
-        order = np.lexsort((found.t, found.edge))
-        edge, t = found.edge[order], found.t[order]
-        ends = near.vertex[near.surface.edges[edge]]
+        line = found.ends[:, 0].astype(np.int64) * len(self.body.corner) + found.ends[:, 1]
+        order = np.lexsort((found.t, line))
+        edge, t, ends = line[order], found.t[order], found.ends[order]
         inside = self.found.gaps[ends] < 0
         first = np.append(True, edge[1:] != edge[:-1])
         last = np.append(first[1:], True)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
@@ -57,15 +58,23 @@ class ContactField:
         """
         rows = representatives(contacts.points, asked, spread / PER_SPREAD)
         points, ways, asked = contacts.points[rows], contacts.ways[rows], asked[rows]
-        kernel = _kernel(points, spread)
-        density = np.asarray(kernel.sum(axis=1)).ravel()
+        weights = _Weights.of(points, spread)
+        density = weights.totals()
         violated = density[asked > 0] if (asked > 0).any() else density
         background = float(np.median(violated))
-        kernel = sparse.diags(1.0 / np.maximum(density, background)) @ kernel
+        scale = 1.0 / np.maximum(density, background)
         amounts = np.zeros(len(points))
+        acting: NDArray[np.bool_] = np.zeros(len(points), dtype=bool)
+        kernel = None
         for _ in range(rounds):
-            done = np.einsum("ij,ij->i", ways, kernel @ (amounts[:, None] * ways))
-            amounts += asked - done
+            fresh = (amounts != 0) & ~acting
+            if fresh.any():
+                acting |= fresh
+                kernel = weights.matrix(acting)  # most stay at nothing where the field may only push
+            if kernel is not None:
+                moved = kernel @ (amounts[acting, None] * ways[acting])
+                amounts -= scale * np.einsum("ij,ij->i", ways, moved)
+            amounts += asked
             if least is not None:
                 np.maximum(amounts, least[rows], out=amounts)
         return cls(points, amounts[:, None] * ways, spread, background)
@@ -86,12 +95,30 @@ class ContactField:
         return rows, out * (1.0 - t * t * (3.0 - 2.0 * t))[:, None]
 
 
-def _kernel(points: Float, spread: float) -> sparse.csr_matrix:
-    """Weights of the points for each other, (k, k), those beyond `CUT` left out."""
-    tree = cKDTree(points)
-    found = tree.sparse_distance_matrix(tree, CUT * spread, output_type="ndarray")
-    weights = np.exp(-LN2 * (found["v"] / spread) ** 2)
-    return sparse.csr_matrix((weights, (found["i"], found["j"])), shape=(len(points),) * 2)
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Weights:
+    """Weights (w,) of points for each other, those beyond `CUT` left out, and the rows (w,) of both."""
+
+    row: Int
+    column: Int
+    value: Float
+    count: int
+
+    @classmethod
+    def of(cls, points: Float, spread: float) -> _Weights:
+        tree = cKDTree(points)
+        found = tree.sparse_distance_matrix(tree, CUT * spread, output_type="ndarray")
+        return cls(found["i"], found["j"], np.exp(-LN2 * (found["v"] / spread) ** 2), len(points))
+
+    def totals(self) -> Float:
+        """Return the sum (k,) of each point's weights."""
+        return np.asarray(np.bincount(self.row, self.value, self.count), dtype=np.float64)
+
+    def matrix(self, chosen: NDArray[np.bool_]) -> sparse.csr_matrix:
+        """Return the weights (k, c) of the chosen points for all."""
+        kept = np.flatnonzero(chosen[self.column])
+        place = self.row[kept], (np.cumsum(chosen) - 1)[self.column[kept]]
+        return sparse.csr_matrix((self.value[kept], place), shape=(self.count, int(chosen.sum())))
 
 
 def _sums(centres: Float, vectors: Float, spread: float, points: Float) -> Float:

@@ -11,6 +11,7 @@ cross. The closest point to a node at the centre of a ball would have to be look
 from __future__ import annotations
 
 import dataclasses
+import threading
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .bodies import Solid
-from .contact import Region
+from .cutouts import Region
 from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
 
@@ -37,6 +38,15 @@ class Target:
         self.solid, self.surface = solid, solid.surface.bare()
         self._corners: cKDTree | None = None
         self._index: SurfaceIndex | None = None
+        self._lock = threading.Lock()  # pairs may be measured at once
+
+    @property
+    def index(self) -> SurfaceIndex:
+        """Search structure of all faces."""
+        with self._lock:
+            if self._index is None:
+                self._index = SurfaceIndex(self.surface)
+            return self._index
 
     @cached_property
     def longest(self) -> float:
@@ -45,8 +55,9 @@ class Target:
 
     def corner(self, points: Float) -> tuple[Float, NDArray[np.int64]]:
         """Return (distance (p,) of the nearest vertex, (p,) which)."""
-        if self._corners is None:
-            self._corners = cKDTree(self.surface.vertices, balanced_tree=False)
+        with self._lock:
+            if self._corners is None:
+                self._corners = cKDTree(self.surface.vertices, balanced_tree=False)
         far, which = self._corners.query(points)
         return far, which
 
@@ -58,15 +69,16 @@ class Target:
 
     def signed(self, points: Float, reach: float = np.inf) -> tuple[Float, Float]:
         """Return exact signed distances (p,) and pseudonormals (p, 3); no point is farther than `reach`."""
-        index = self._index
-        if index is None and np.isfinite(reach) and not self.solid.open_edges:
+        index = None
+        if np.isfinite(reach) and not self.solid.open_edges:
             low, high = triples.box(points)
             wide = reach * (1.0 + 1e-9)  # a distance is rounded
             part = Region.of(self.surface, low - wide, high + wide).surface
-            if 2 * len(part.faces) < len(self.surface.faces):
+            if 2 * len(part.faces) < len(
+                self.surface.faces
+            ):  # whatever is there: bits must not go by the order
                 index = SurfaceIndex(part)
-        if index is None:
-            self._index = index = self._index or SurfaceIndex(self.surface)
+        index = index or self.index
         found = index.closest(points)
         normal = index.pseudonormals(found)
         side = np.einsum("ij,ij->i", points - found.point, normal)

@@ -8,11 +8,15 @@ was pushed too far; *clearing* only pushes, until neither a node nor an edge is 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from . import triples
+from .bodies import Solid
 from .contact import Pair
 from .contact_field import ContactField
+from .crew import together
 from .mesh import Float
 from .overclosure_settings import OverclosureSettings
 from .separation import thickness, way_apart
@@ -162,16 +166,17 @@ class Effort:
 
 def apply(effort: Effort, field: ContactField) -> dict[str, tuple[Float, float]]:
     """Move both bodies of a pair by a field; return by name how far (each vertex, at most) each went."""
-    pair, steps = effort.pair, {}
-    for solid, weight, frame in (
-        (pair.one, pair.weights[0], pair.offset),
-        (pair.two, -pair.weights[1], np.zeros(3)),
-    ):
-        if weight == 0.0:
-            continue
-        rows, step = field(solid.points + frame)
-        before = solid.vertices
-        solid.move(rows, weight * step)
-        distance = triples.length(solid.vertices - before)
-        steps[solid.name] = (distance, float(distance.max(initial=0.0)))
-    return steps
+    pair = effort.pair
+    ways = ((pair.one, pair.weights[0], pair.offset), (pair.two, -pair.weights[1], np.zeros(3)))
+    moving = [way for way in ways if way[1] != 0.0]
+    steps = together([partial(_step, field, *way) for way in moving])
+    return {way[0].name: step for way, step in zip(moving, steps, strict=True)}
+
+
+def _step(field: ContactField, solid: Solid, weight: float, frame: Float) -> tuple[Float, float]:
+    """Move a body by its part of a field; return how far (each vertex, at most)."""
+    rows, step = field(solid.points + frame)
+    before = solid.vertices
+    solid.move(rows, weight * step)
+    distance = triples.length(solid.vertices - before)
+    return distance, float(distance.max(initial=0.0))

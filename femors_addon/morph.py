@@ -20,21 +20,28 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import settings as declared
-from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed, unit_factor
+from .align import Alignment, align
+from .cleaning import Cleaned, clean
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .folds import Reference, bad_faces, unfolded
 from .grnn import DisplacementField
+from .icp import SAMPLE
+from .landmark_pairs import Pairs
 from .limits import require_memory
 from .mend import mended
-from .mesh import Cleaned, Float, Surface, clean
-from .morph_result import MorphResult, Step, result_of
+from .mesh import Float, Surface
+from .morph_outcome import Outcome, result_of
+from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
+from .poses import canonical_frame
 from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
 from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, node_counts, stages
-from .steer import Pairs, Pull, Steering, lead
+from .steer import Pull, Steering, lead
+from .transforms import inverse, transformed
+from .units import unit_factor
 from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
@@ -139,19 +146,9 @@ def morph(
         warnings.append(
             "weights limit the deformation, not the alignment; choose no alignment to keep parts still"
         )
-    result = result_of(
-        source,
-        (ours, theirs),
-        (work.alignment.matrix, work.reference, work.index),
-        field,
-        landed,
-        settings,
-        tuple(history),
-        bad,
-        tuple(warnings),
-        part(progress, 0.88, 1.0),
-        weighted=weights is not None,
-    )
+    outcome = Outcome(ours, theirs, work.alignment.matrix, work.reference, work.index, field, landed, bad)
+    measuring = part(progress, 0.88, 1.0)
+    result = result_of(outcome, source, settings, history, warnings, measuring, weighted=weights is not None)
     steering = None if work.pairs is None else _steered(result, work.pairs, settings)
     return dataclasses.replace(result, steering=steering, seconds=time.process_time() - started)
 

@@ -6,113 +6,37 @@ The same measure finds overclosures before a removal and certifies afterwards th
 
 from __future__ import annotations
 
-import dataclasses
+import contextlib
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csgraph
 
-from . import triples
 from .bodies import Body, Solid
-from .booleans import shared_volume
-from .contact import Region
-from .distances import Distances, Target, distances
-from .intersect import crossings, piercings
-from .limits import in_threads
-from .mesh import Float, Surface, edge_matrix
+from .crew import each
+from .distances import Target, distances
+from .findings import CONTAINED, NEAR, Finding
+from .mesh import Float
+from .pair_check import Bounds, measure
 from .progress import FemorsError, Progress, silent
 
+__all__ = [
+    "CONTAINED",
+    "NEAR",
+    "Bounds",
+    "Finding",
+    "PairGaps",
+    "asked_gaps",
+    "find",
+    "gap_map",
+    "same_surface",
+]
+
 WIDEST = 1e6  # the largest gap, as in the settings
-SWALLOWED = 0.5  # of a body's nodes inside another: as many leaving by the wrong side, and it is contained
-TOLERANCE = 1e-5  # of the unit: by how much a gap may miss what is asked for
-CLEAR, NEAR, OVERLAP, CONTAINED = "clear", "too near", "overlap", "contained"
 
 PairGaps = Mapping[tuple[str, str], float]
 """Gaps of single pairs, by their two names in either order."""
-
-
-Bounds = dict[tuple[str, str], Float]
-"""By the names of a body and of another: no signed distance of the body's vertices (n,) is smaller."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Finding:
-    """Two bodies that overlap, or are closer than the band.
-
-    Attributes
-    ----------
-    one, two : str
-        Names of the bodies.
-    gap : float
-        Least distance asked for, in the unit of the coordinates.
-    least : float
-        Smallest signed distance of a node of one to the surface of the other; negative inside.
-    over : tuple of int
-        Nodes of each body that are closer than the gap.
-    crossings : int
-        Pairs of triangles that cross.
-    contained : str
-        Name of the body of which a whole piece lies inside the other, "" where there is none.
-    where : tuple of float
-        Place of the smallest distance.
-    shared : float or None
-        Volume that both take up; None where it could not be computed.
-    state : str
-        "clear", "too near", "overlap" or "contained".
-    """
-
-    one: str
-    two: str
-    gap: float
-    least: float
-    over: tuple[int, int]
-    crossings: int
-    contained: str
-    where: tuple[float, float, float]
-    shared: float | None
-    state: str
-
-    @property
-    def names(self) -> tuple[str, str]:
-        """Both names."""
-        return self.one, self.two
-
-    @property
-    def depth(self) -> float:
-        """How deep the deepest node is inside the other body; 0 where none is."""
-        return max(0.0, -self.least)
-
-    @property
-    def clear(self) -> bool:
-        """Whether nothing crosses, nothing is contained, and the gap holds."""
-        return self.state == CLEAR
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        return {**dataclasses.asdict(self), "depth": self.depth}
-
-    def __str__(self) -> str:
-        if self.state == CLEAR:
-            return f"{self.one} - {self.two}: clear, {self.least:.4g} apart"
-        words = [f"{self.over[0] + self.over[1]} nodes closer than {self.gap:g}"]
-        if self.depth > 0:
-            words.insert(0, f"{self.depth:.4g} deep")
-        if self.crossings:
-            words.append(f"{self.crossings} crossing pairs of triangles")
-        if self.shared:
-            words.append(f"shared volume {self.shared:.4g}")
-        if self.contained:
-            words.append(f"a piece of '{self.contained}' lies wholly inside the other")
-        place = ", ".join(f"{x:.4g}" for x in self.where)
-        return f"{self.one} - {self.two}: {self.state}, {', '.join(words)}, at ({place})"
-
-
-def tolerance(gap: float, size: float) -> float:
-    """Return by how much a gap may be missed: 1e-5 of the unit, less where gap or bodies are tiny."""
-    return min(TOLERANCE, 1e-3 * gap if gap > 0 else 1e-6 * size)
 
 
 def asked_gaps(
@@ -172,78 +96,19 @@ def find(
     """
     found = []
     targets = [Target(solid) for solid in solids]
-    for number, ((i, j), gap) in enumerate(gaps.items()):
-        progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
-        finding = measure(targets[i], targets[j], gap, max(band, 2.0 * gap), volumes, bounds)
-        if finding is not None:
-            found.append(finding)
-    return sorted(found, key=lambda f: f.least)
-
-
-def measure(
-    one: Target, two: Target, gap: float, band: float, volumes: bool = True, bounds: Bounds | None = None
-) -> Finding | None:
-    """Measure a pair anew; None where no node of one is within `band` of the other and nothing crosses."""
-    a, b = one.surface, two.surface
-    reach = band + 1e-9 * max(a.diagonal, b.diagonal)
-    if (np.maximum(a.bounds[0], b.bounds[0]) - reach > np.minimum(a.bounds[1], b.bounds[1])).any():
-        return None
-    least, where, over = np.inf, np.zeros(3), []
-    inside, near = [], []
-    limit = gap - tolerance(gap, max(a.diagonal, b.diagonal))
-    slack = _rounding(a) + _rounding(b)
-    ways = ((one, two), (two, one))
-    both = in_threads(lambda ends: distances(ends[0].surface, ends[1], reach), ways)
-    for (own, other), found in zip(ways, both, strict=True):
-        if bounds is not None:
-            bounds[own.solid.name, other.solid.name] = found.bound
-        near.append(_close(own.surface, found, slack, own.longest))
-        rows, distance, wrong = found.rows, found.signed - slack, found.wrong  # less in single precision
-        over.append(int((distance < limit).sum()))
-        if len(rows) and distance.min() < least:
-            least, where = float(distance.min()), own.surface.vertices[rows[np.argmin(distance)]]
-        deep: NDArray[np.bool_] = np.zeros(len(own.surface.vertices), dtype=bool)
-        deep[rows[distance < 0]] = True
-        # a ball whose socket has closed in on it comes free by its own side: that is no body in a body
-        swallowed = deep.any() and wrong[distance < 0].mean() > SWALLOWED
-        inside.append(deep if swallowed else np.zeros_like(deep))
-    pairs = len(crossings(*(part.bare() for part in near)))
-    pairs = max(pairs, len(crossings(*(_single(part) for part in near))))
-    if least >= band and not pairs:
-        return None
-    if least >= reach:  # large faces cross, and no node is near
-        ends = ((one, two), (two, one))
-        least = min(float(distances(s.surface, o, np.inf).signed.min()) for s, o in ends)
-    if pairs and least > 0:  # edges cross, and no node is inside: the place is theirs
-        c, d = near
-        places = np.concatenate((piercings(c, d).points(c), piercings(d, c).points(d)))
-        where = places[len(places) // 2] if len(places) else where
-    contained = ""
-    for own, other, deep in ((one, two, inside[0]), (two, one, inside[1])):
-        if not contained and deep.any() and _whole_piece(own.surface, other.surface, deep):
-            contained = own.solid.name
-    state = CLEAR
-    if contained:
-        state = CONTAINED
-    elif pairs or least < -slack:
-        state = OVERLAP
-    elif sum(over):
-        state = NEAR
-    shared = 0.0 if state in (CLEAR, NEAR) else None
-    if shared is None and volumes:
-        shared = shared_volume(a, b)
-    return Finding(
-        one.solid.name,
-        two.solid.name,
-        gap,
-        float(least),
-        (over[0], over[1]),
-        pairs,
-        contained,
-        (float(where[0]), float(where[1]), float(where[2])),
-        shared,
-        state,
+    measured = each(
+        [
+            partial(measure, targets[i], targets[j], gap, max(band, 2.0 * gap), volumes, bounds)
+            for (i, j), gap in gaps.items()
+        ]
     )
+    with contextlib.closing(measured):  # where progress raises, what has not begun is dropped
+        for number, (i, j) in enumerate(gaps):
+            progress(number / len(gaps), f"checking {solids[i].name} and {solids[j].name}")
+            finding = next(measured)
+            if finding is not None:
+                found.append(finding)
+    return sorted(found, key=lambda f: f.least)
 
 
 def gap_map(
@@ -285,37 +150,3 @@ def same_surface(one: Solid, two: Solid) -> bool:
     close = 1e-6 * max(a.diagonal, b.diagonal)
     order = [np.lexsort(np.round(s.vertices / (10 * close)).T) for s in (a, b)]
     return bool(np.abs(a.vertices[order[0]] - b.vertices[order[1]]).max(initial=0.0) <= close)
-
-
-def _close(surface: Surface, found: Distances, slack: float, longest: float) -> Surface:
-    """The faces that may cross the other surface: all their corners are within a side's length of it."""
-    faces = surface.faces
-    farthest = triples.greatest(found.apart[faces]) - slack
-    chosen = np.flatnonzero(farthest <= longest)
-    sides = np.sqrt(triples.longest_squared(surface.vertices.take(faces[chosen], axis=0)))
-    return Region.cut(surface, chosen[farthest[chosen] <= sides * (1.0 + 1e-9) + slack]).surface
-
-
-def _single(surface: Surface) -> Surface:
-    """The surface with its coordinates in single precision, as Blender has them."""
-    return surface.moved(surface.vertices.astype(np.float32).astype(np.float64))
-
-
-def _rounding(surface: Surface) -> float:
-    """Return how far single precision moves a vertex, at most."""
-    rounded = surface.vertices.astype(np.float32).astype(np.float64)
-    return float(triples.length(rounded - surface.vertices).max(initial=0.0))
-
-
-def _whole_piece(surface: Surface, other: Surface, deep: NDArray[np.bool_]) -> bool:
-    """Whether a connected piece of a surface lies inside the other without crossing it."""
-    _, piece = csgraph.connected_components(edge_matrix(surface.edges, len(surface.vertices)), directed=False)
-    outside = np.zeros(int(piece.max()) + 1, dtype=bool)
-    np.logical_or.at(outside, piece, ~deep)
-    whole = np.flatnonzero(~outside)
-    if not len(whole):
-        return False
-    faces = np.isin(piece[surface.faces[:, 0]], whole)
-    part = Surface(surface.vertices, surface.faces[faces])
-    crossing = np.unique(piece[part.faces[crossings(part, other)[:, 0], 0]])
-    return bool(len(np.setdiff1d(whole, crossing)))

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import booleans
+from . import booleans, triples
 from .bodies import Solid
-from .contact import Region
+from .cutouts import Region
 from .distances import Target
-from .intersect import crossings, piercings
+from .intersect import crossings
 from .mesh import Float, Surface
 from .quality import Stat, aspect_ratio, dihedral_angles
+from .rays import first_hits
 from .separation import thickness
 from .volume import Ids, VolumeMesh
 from .volume_quality import VolumeQuality
@@ -211,21 +212,10 @@ def _thickness(old: Surface, new: Surface, rows: np.ndarray) -> tuple[tuple[Stat
 
 
 def _through(surface: Surface, rows: np.ndarray) -> Float:
-    """Distance (k,) from vertices straight inward to the other side; infinite where there is none.
-
-    Each ray is an edge of a thin triangle, so that `piercings` finds what it meets.
-    """
+    """Distance (k,) from vertices straight inward to the other side; infinite where there is none."""
     start, inward = surface.vertices[rows], -surface.vertex_normals[rows]
     length = RAY * thickness(surface)
-    across = np.cross(inward, np.roll(inward, 1, axis=1) + [0.3, 0.5, 0.7])
-    near = start + 1e-6 * length * inward
-    tips = np.concatenate((near, start + length * inward, near + 1e-9 * length * across))
-    count = len(rows)
-    needles = Surface(tips, np.arange(3 * count).reshape(3, count).T)
-    box = tips.min(axis=0), tips.max(axis=0)
-    found = piercings(needles, Region.of(surface, *box).surface)
-    ends = needles.edges[found.edge]
-    ray = (ends[:, 0] < count) & (ends[:, 1] == ends[:, 0] + count)  # from the near end to the far one
-    out = np.full(count, np.inf)
-    np.minimum.at(out, ends[ray, 0], found.t[ray] * length)
-    return out
+    off = 1e-6 * length
+    start = start + off * inward
+    low, high = triples.box(np.concatenate((start, start + length * inward)))
+    return off + first_hits(start, inward, length, Region.of(surface, low, high).surface)

@@ -4,25 +4,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import booleans
 from .bodies import Solid
-from .contact import Region
+from .crew import together
+from .cutouts import Region
+from .findings import CONTAINED, NEAR, Finding
 from .intersect import crossings
-from .overclosure_check import CONTAINED, NEAR, Finding
 from .overclosure_figures import BodyResult, figures_of
 from .overclosure_settings import OverclosureSettings
 
 if TYPE_CHECKING:
     from .effort import Effort
 
-ALIKE = 0.9  # of the smaller body's volume: bodies that share more look like one
+ALIKE = 0.9  # of both bodies' volumes: bodies that share more look like one
 WIDE = 0.1  # of the smaller body's size: a gap above it looks like one in another unit
 UNLIKE = 200.0  # times the size of another body: more looks like another unit of length
+MUCH = 0.5  # of its volume: a body that is changed by more is another shape
 METHODS = {"grnn": "smooth field", "nodal": "nodal method", "published": "loop as published"}
 
 
@@ -137,7 +140,9 @@ def result_of(
     stop: str,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is ""."""
-    bodies = tuple(figures_of(solid, efforts) for solid in solids)
+    jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
+    jobs += [partial(figures_of, solid, efforts) for solid in solids]
+    notes, *bodies = together(jobs)
     reasons = [_reason(finding, solids, after, stop) for finding in after if not finding.clear]
     reasons += [
         f"'{body.name}': {len(body.inverted_new)} elements inverted (first: {int(body.inverted_new[0])})"
@@ -145,7 +150,7 @@ def result_of(
         if len(body.inverted_new)
     ]
     return OverclosureResult(
-        bodies=bodies,
+        bodies=tuple(bodies),
         before=tuple(before),
         after=tuple(after),
         certified=not reasons,
@@ -153,7 +158,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes_of(solids, before), *_folds(bodies)),
+        notes=(*notes, *_folds(bodies), *_changes(bodies)),
     )
 
 
@@ -197,6 +202,20 @@ def _folds(bodies: Sequence[BodyResult]) -> list[str]:
     ]
 
 
+def _changes(bodies: Sequence[BodyResult]) -> list[str]:
+    """Tell of bodies that are hardly themselves any more."""
+    notes = []
+    for body in bodies:
+        before, after = body.volume
+        change = body.xor
+        if change is None and before > 0:
+            change = abs(after - before) / before
+        if change is not None and change > MUCH:
+            words = f"the removal changed {change:.0%} of its volume; are the bodies in their places?"
+            notes.append(f"{body.name}: {words}")
+    return notes
+
+
 def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
     """Return what the user should know of bodies and of what was found among them, in words."""
     notes = [note for solid in solids for note in solid.notes]
@@ -225,10 +244,12 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
         )
     of = {solid.name: solid.begun_surface for solid in solids}
     for finding in before:
-        smaller = min((of[name] for name in finding.names), key=lambda s: abs(s.volume))
-        if finding.shared is not None and finding.shared > ALIKE * abs(smaller.volume) > 0:
+        size, larger = sorted(of[name].diagonal for name in finding.names)
+        if size * UNLIKE < larger:
+            continue  # all that follows would come from the other unit, which is told above
+        room = max(abs(of[name].volume) for name in finding.names)
+        if finding.shared is not None and finding.shared > ALIKE * room > 0:
             notes.append(f"{finding.one} and {finding.two}: take up nearly the same room; are they one body?")
-        size = min(of[name].diagonal for name in finding.names)
         if finding.gap > WIDE * size:
             notes.append(
                 f"{finding.one} and {finding.two}: the gap of {finding.gap:g} is {finding.gap / size:.0%} of "

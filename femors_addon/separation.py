@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .contact import Pair, Region
+from .contact import Pair
+from .cutouts import Region
 from .intersect import piercings
 from .mesh import Float, Surface
 from .triples import unit

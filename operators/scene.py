@@ -9,7 +9,7 @@ import hashlib
 import bpy
 
 from ..femors_addon.progress import FemorsError
-from . import marks
+from . import scene_marks
 from .lazy import Array, np
 
 
@@ -109,23 +109,10 @@ def snapshot(
         positions, sizes, corners, triangles = _arrays(mesh, item.name)
         world = positions.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
         weights = group_weights(item, mesh, group) if group else None
-        points = {n: world[i] for n, i in landmark_vertices(item, mesh).items()} if landmarks else {}
-        if landmarks:
-            children = marks.children(item)
-            twice = sorted(set(points) & set(children))
-            if twice:
-                raise FemorsError(
-                    f"'{item.name}' has the landmark '{twice[0]}' twice, as a vertex group and as an empty: "
-                    "rename one of them"
-                )
-            points |= children
+        points = scene_marks.landmarks_of(item, mesh, world) if landmarks else {}
     finally:
         if evaluated:
             bpy.data.meshes.remove(mesh)
-    digest = hashlib.blake2b(digest_size=16)
-    for array in (positions, sizes, corners, matrix):
-        digest.update(np.int64(len(array)).tobytes())
-        digest.update(np.ascontiguousarray(array).tobytes())
     for array in (world, triangles, matrix):
         array.setflags(write=False)
     library = item.library.filepath if item.library else ""
@@ -136,10 +123,19 @@ def snapshot(
         world,
         triangles,
         matrix,
-        digest.hexdigest(),
+        _fingerprint(positions, sizes, corners, matrix),
         weights=weights,
         landmarks=points,
     )
+
+
+def _fingerprint(*arrays: Array) -> str:
+    """Return what tells arrays from others."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(np.int64(len(array)).tobytes())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def unchanged(context: bpy.types.Context, before: Snapshot) -> bpy.types.Object:
@@ -283,23 +279,6 @@ def all_group_weights(item: bpy.types.Object) -> dict[str, Array]:
             if member.group in by_index:
                 by_index[member.group][vertex.index] = member.weight
     return out
-
-
-def landmark_vertices(item: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str, int]:
-    """Return, by name, the vertex of each vertex group that has exactly one in the base mesh.
-
-    In an evaluated mesh, whose modifiers may have spread the weight, the heaviest vertex stands for it.
-    """
-    count = [0] * len(item.vertex_groups)
-    for vertex in item.data.vertices:
-        for member in vertex.groups:
-            count[member.group] += 1
-    heaviest: dict[int, tuple[float, int]] = {}
-    for vertex in mesh.vertices:
-        for member in vertex.groups:
-            if count[member.group] == 1 and member.weight >= heaviest.get(member.group, (0.0, 0))[0]:
-                heaviest[member.group] = (member.weight, vertex.index)
-    return {g.name: heaviest[g.index][1] for g in item.vertex_groups if g.index in heaviest}
 
 
 def paired_landmarks(source: Snapshot, target: Snapshot) -> tuple[Array, Array, list[str]]:

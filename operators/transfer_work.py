@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..femors_addon.progress import FemorsError, Progress, part
 from .lazy import Array, np
+from .transfer_checks import check_own, check_target
 
 if TYPE_CHECKING:
     from ..femors_addon.carry import Carrier
@@ -21,10 +22,6 @@ if TYPE_CHECKING:
 
 LANDMARKS = "landmarks"
 """What landmarks together are called in a report."""
-OWN = 0.005  # of the size: half of an object's vertices may be so far from the surface that a field knows
-NEARER = 5.0  # times as near to the morphed surface: it is that one
-ROUNDED = 1e-4  # of the size: no distance at all
-ELSEWHERE = 0.05  # of the size: a target farther from where the field ends is another one
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,8 +136,6 @@ def groups(
     from scipy.spatial import cKDTree
 
     from ..femors_addon import landmarks
-    from ..femors_addon.mesh import Surface as Mesh
-    from ..femors_addon.regions import RegionMap
     from ..femors_addon.report_transfer import landmarks_of, region_rows, transfer_report
     from ..femors_addon.transfer import Transfer
 
@@ -153,22 +148,19 @@ def groups(
     for number, one in enumerate(templates):
         step = part(progress, number / len(templates), (number + 1) / len(templates))
         carrier = carrier_of(one.data, one.name)
-        check_own(carrier, one)
+        check_own(carrier, one.name, one.source, one.vertices)
         notes += check_target(carrier, one.name, name, target)
         transfer = Transfer(carrier, settings, target if project else None)
         first = transfer if number == 0 else first
         single = {name: int(np.flatnonzero(w)[0]) for name, w in one.groups.items() if (w > 0).sum() == 1}
         heavy |= {name: float(one.groups[name].max()) for name in single if name not in heavy}
         if single:
-            before = one.vertices[list(single.values())]
-            moved = transfer.points(before, part(step, 0.0, 0.3))
-            notes += landmarks.far_ones(list(single), moved.distance, carrier.size)
-            found.append(landmarks.predicted(carrier, list(single), before, moved.points, moved.projected))
+            prediction, far = _predicted(transfer, one, single, part(step, 0.0, 0.3))
+            found.append(prediction)
+            notes += far
         rest = {name: w for name, w in one.groups.items() if name not in single}
         if rest and number == 0:
-            shape = carrier.carry(one.vertices, progress=part(step, 0.3, 0.6)).points
-            ways = RegionMap(Mesh(shape, one.triangles), target, part(step, 0.6, 0.8))
-            regions = {name: ways.region(weights, part(step, 0.8, 1.0)) for name, weights in rest.items()}
+            regions = _regions(carrier, one, rest, target, part(step, 0.3, 1.0))
     marks, missing = landmarks.median_of(found) if found else (None, [])
     nearest, missed = np.empty(0, int), np.empty(0)
     if marks is not None:
@@ -184,67 +176,28 @@ def groups(
     return Groups(marks, nearest, missed, heavy, regions, notes, {**report, "notes": notes})
 
 
-def check_own(carrier: Carrier, template: Template) -> None:
-    """Refuse an object that a field was not made for, or that lies on the target already."""
-    from ..femors_addon.nearest import SurfaceIndex
+def _predicted(
+    transfer: Transfer, template: Template, vertices: dict[str, int], progress: Progress
+) -> tuple[Prediction, list[str]]:
+    """Return where landmarks at vertices go, and what is to be said of those far off the surface."""
+    from ..femors_addon import landmarks
 
-    field = carrier.field
-    if not len(field.faces):
-        raise FemorsError(f"The field '{template.name}' has no faces (of an early version): morph again")
-    away = float(np.median(SurfaceIndex(field.origin).closest(template.vertices).distance))
-    if away <= ROUNDED * field.origin.diagonal:
-        return
-    there = float(np.median(SurfaceIndex(field.morphed).closest(template.vertices).distance))
-    if there <= OWN * field.morphed.diagonal and NEARER * there < away:
-        raise FemorsError(
-            f"'{template.source}' lies on the target already (was it morphed in place?): "
-            f"choose '{field.source}' as it was, whose groups the field '{template.name}' carries"
-        )
-    if away <= OWN * field.origin.diagonal:  # remeshed or edited since
-        return
-    if template.source == field.source:
-        what = "moved" if _same_shape(template.vertices, field.origin.vertices) else "moved or edited"
-        raise FemorsError(
-            f"'{template.source}' was {what} since the morph (by {away:.3g} in the median): "
-            "put it back to where it was, or morph again"
-        )
-    raise FemorsError(
-        f"The field '{template.name}' was made for another object: half of '{template.source}' is {away:.3g} "
-        f"or more from '{field.source}' as it was morphed; choose that one, or morph again"
-    )
+    names, before = list(vertices), template.vertices[list(vertices.values())]
+    moved = transfer.points(before, progress)
+    far = landmarks.far_ones(names, moved.distance, transfer.carrier.size)
+    return landmarks.predicted(transfer.carrier, names, before, moved.points, moved.projected), far
 
 
-def _same_shape(one: Array, other: Array) -> bool:
-    """Whether two sets of points extend alike along their own axes."""
-    widths = [
-        np.linalg.svd(np.cov(np.unique(points, axis=0).T), compute_uv=False) ** 0.5 for points in (one, other)
-    ]
-    return bool(np.allclose(*widths, rtol=1e-3))
+def _regions(
+    carrier: Carrier, template: Template, groups: dict[str, Array], target: Surface, progress: Progress
+) -> dict[str, Region]:
+    """Return weights of vertices as weights of the target's."""
+    from ..femors_addon.mesh import Surface as Mesh
+    from ..femors_addon.regions import RegionMap
 
-
-def check_target(carrier: Carrier, field_name: str, name: str, target: Surface) -> list[str]:
-    """Refuse a target that is no longer where the field ends; return what to say of another one."""
-    from ..femors_addon.mesh import clean
-    from ..femors_addon.nearest import SurfaceIndex
-
-    field, size = carrier.field, carrier.field.morphed.diagonal
-    if not len(field.faces) or np.isnan(field.residual).any():
-        return []
-    away = SurfaceIndex(clean(target.vertices, target.faces, "target").surface).closest(
-        field.morphed.vertices
-    )
-    more = float(np.percentile(np.maximum(away.distance - field.residual, 0.0), 95))
-    if more <= OWN * size:
-        return []
-    if name == field.target:
-        raise FemorsError(
-            f"'{name}' was moved or edited since the morph (it is {more:.3g} from where the field "
-            f"'{field_name}' ends): put it back to where it was, or morph again"
-        )
-    words = f"'{name}' is up to {more:.3g} from where the field '{field_name}' ends"
-    if more > ELSEWHERE * size:
-        raise FemorsError(f"{words}: choose '{field.target}', which it was made for, or morph again")
-    return [words]
+    shape = carrier.carry(template.vertices, progress=part(progress, 0.0, 0.4)).points
+    ways = RegionMap(Mesh(shape, template.triangles), target, part(progress, 0.4, 0.7))
+    return {name: ways.region(weights, part(progress, 0.7, 1.0)) for name, weights in groups.items()}
 
 
 def things(
@@ -308,7 +261,7 @@ def _gathered(items: Sequence[Thing], moved: Sequence[Transferred], transfer: Tr
 
 def _elements(transfer: Any, item: Thing, progress: Progress) -> tuple[Transferred, Any]:
     """Carry a part of a deck with the nodes inside, in double precision."""
-    from ..femors_addon.align import transformed
+    from ..femors_addon.transforms import transformed
     from . import deck_store
 
     source = item.part

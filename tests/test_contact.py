@@ -8,8 +8,9 @@ import pytest
 from solids import box, hexes, moved, sphere
 
 from femors_addon.bodies import Body, Solid, shares
-from femors_addon.contact import Contacts, Pair, Region
+from femors_addon.contact import Contacts, Pair
 from femors_addon.contact_field import ContactField, representatives
+from femors_addon.cutouts import Region
 from femors_addon.intersect import piercings
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex

@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from femors_addon import folds, relax, shapes
+from femors_addon.cleaning import clean
 from femors_addon.folds import Reference, bad_faces, folded, unfolded
-from femors_addon.mesh import Float, Surface, clean
+from femors_addon.mesh import Float, Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.quality import aspect_ratio, flipped_faces, self_intersections

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A removal from its input to its certificate: what is tried, one after the other, and what is kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Container, Iterable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from . import settings as declared
+from .bodies import Body, Solid, shares
+from .contact import Pair
+from .crew import together
+from .effort import Effort
+from .limits import require_nodes
+from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find, same_surface
+from .overclosure_methods import nodal, published
+from .overclosure_result import OverclosureResult, Step, result_of
+from .overclosure_settings import OverclosureSettings
+from .progress import FemorsError, Progress, part
+from .removal_loop import loop
+from .separation import thickness
+
+STRIDE = 0.35  # of the thinnest body, where there are more than two: how far one step may go
+STRIDES = 30  # steps that the deepest pair may take to its end, at least as long as it needs for that
+GAINED = 0.95  # of depth or crossings at the start: a state that has more is not worth having
+MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
+TRIES = 3  # certificates that may fail before the loop gives up
+METHODS = {"grnn": loop, "nodal": nodal, "published": published}
+
+
+def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Solid]:
+    """Return the bodies at work; refuse what cannot be worked with."""
+    declared.check(settings)
+    nodes = sum(len(body.nodes) for body in bodies)
+    require_nodes(nodes, f"overclosure of {len(bodies)} bodies", MEMORY_LEAST, MEMORY_NODE)
+    if len(bodies) < 2:
+        raise FemorsError(f"{len(bodies)} body given; overclosure needs at least two")
+    names = [body.name for body in bodies]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise FemorsError(f"two bodies are named '{twice}'; each needs a name of its own")
+    solids = together(
+        [partial(Solid, body, share) for body, share in zip(bodies, shares(list(bodies)), strict=True)]
+    )
+    for i, one in enumerate(solids):
+        for two in solids[:i]:
+            if same_surface(one, two):
+                raise FemorsError(
+                    f"'{two.name}' and '{one.name}' are copies of one surface in one place: leave one out"
+                )
+    return solids
+
+
+def band_of(solids: Sequence[Solid], settings: OverclosureSettings) -> float:
+    """Return how far apart pairs are listed: as set, or the median of the bodies' mean edges."""
+    return settings.band or float(np.median([solid.surface.mean_edge for solid in solids]))
+
+
+class Removal:
+    """The bodies of a removal, what was found of them, and what has been done.
+
+    Attributes
+    ----------
+    solids : list of Solid
+    before, after : list of Finding
+    efforts : list of Effort
+        Of the state that is kept.
+    history : list of Step
+        That led to it.
+    stop : str
+        Why it is not clear, or "".
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        settings: OverclosureSettings,
+        exclude: Iterable[tuple[str, str]],
+        gaps: PairGaps,
+        preview: Any,
+    ) -> None:
+        self._settings, self._preview = settings, preview
+        self.solids = solids_of(bodies, settings)
+        self._asked = asked_gaps(self.solids, settings.gap, exclude, gaps)
+        self.before: list[Finding] = []
+        self.after: list[Finding] = []
+        self.efforts: list[Effort] = []
+        self.history: list[Step] = []
+        self.stop = ""
+
+    def run(self, progress: Progress) -> None:
+        """Do what has to be done."""
+        bounds: Bounds = {}
+        self.before = self.after = self._find(part(progress, 0.0, 0.1), bounds)
+        overlap = any(not finding.clear for finding in self.before)
+        if overlap and all(solid.share == 0 for solid in self.solids):
+            raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
+        self.efforts = self._begun(bounds)
+        if not overlap:
+            return
+        self.stop, self.after = self._removed(self.efforts, self.history, part(progress, 0.1, 0.95))
+        if self._settings.method == "grnn" and not _clear(self.after, self.efforts):
+            self._parted(part(progress, 0.95, 0.97))
+
+    def result(self) -> OverclosureResult:
+        """Measure the bodies and put the result together."""
+        return result_of(
+            self.solids,
+            self.before,
+            self.after,
+            self.efforts,
+            self._settings,
+            tuple(self.history),
+            self.stop,
+        )
+
+    def _find(self, progress: Progress, bounds: Bounds | None = None) -> list[Finding]:
+        """Measure all pairs anew."""
+        return find(self.solids, self._asked, band_of(self.solids, self._settings), progress, bounds=bounds)
+
+    def _begun(self, bounds: Bounds, stuck: Container[tuple[str, str]] = ()) -> list[Effort]:
+        """Return an effort for each pair that may have to be moved, in the order of the bodies.
+
+        Pairs that are clear now are kept in sight, for others may push them together. Those that are `stuck`
+        are parted first.
+        """
+        settings = self._settings
+        if settings.method != "grnn":
+            settings = dataclasses.replace(settings, continuation=False)
+        deepest = max((finding.depth for finding in self.before), default=0.0)
+        given_up = {finding.names for finding in self.before if finding.state == CONTAINED}
+        jobs = []
+        for (i, j), gap in self._asked.items():
+            one, two = self.solids[i], self.solids[j]
+            if one.share + two.share == 0 or (one.name, two.name) in given_up:
+                continue
+            size = max(float(np.abs(solid.vertices).max()) for solid in (one, two))
+            margin = 2.0 * float(np.spacing(np.float32(size)))
+            pair = Pair(one, two, gap)
+            for side in pair.sides:
+                side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
+            stride = self._stride((i, j), deepest)
+            jobs.append(partial(Effort, pair, settings, margin, stride, pair.names in stuck))
+        return together(jobs)
+
+    def _removed(
+        self, efforts: list[Effort], history: list[Step], progress: Progress
+    ) -> tuple[str, list[Finding]]:
+        """Run the method until the certificate holds; return why it stopped short, or "", and what is left.
+
+        The loop may think that it is done and be wrong, for it remembers much: then it goes on, with all of
+        that forgotten.
+        """
+        settings, ours = self._settings, self._settings.method == "grnn"
+        for number in range(TRIES if ours else 1):
+            share = part(progress, 0.9 * number / TRIES, 0.9)
+            stop = METHODS[settings.method](efforts, self.solids, settings, history, share, self._preview)
+            progress(0.9, "overclosure: certificate")
+            for effort in efforts:
+                effort.pair.rest()
+            after = self._find(part(progress, 0.9, 1.0))
+            if stop or _clear(after, efforts):
+                break
+            for effort in efforts:
+                effort.pair.forget()
+        if stop and ours and not _better(after, self.before):
+            for solid in self.solids:
+                solid.put(solid.rest)
+            return stop, list(self.before)
+        return stop, after
+
+    def _parted(self, progress: Progress) -> None:
+        """Begin anew with the pairs that are stuck held apart; what ends no better is dropped."""
+        through = {effort.pair.names for effort in self.efforts if effort.through}
+        stuck = {finding.names for finding in self.after if not finding.clear} - through
+        here = [(solid.points, solid.held) for solid in self.solids]
+        for solid in self.solids:
+            solid.put(solid.rest)
+            solid.held = set()
+        again = self._begun({}, stuck)
+        if any(effort.through and effort.pair.names in stuck for effort in again):
+            steps: list[Step] = []  # the history is that of the state that is returned
+            failed, found = self._removed(again, steps, progress)
+            if not failed and _clear(found, again):
+                self.efforts, self.history, self.stop, self.after = again, steps, failed, found
+                return
+        for solid, (points, held) in zip(self.solids, here, strict=True):
+            solid.put(points)
+            solid.held = held
+
+    def _stride(self, pair: tuple[int, int], deepest: float) -> float:
+        """Return how far one step of a pair may go, so that no third body near it is passed through."""
+        thinnest = np.inf
+        for number, other in enumerate(self.solids):
+            for mine in pair:
+                if number in pair or tuple(sorted((number, mine))) not in self._asked:
+                    continue
+                (low, high), (its_low, its_high) = self.solids[mine].surface.bounds, other.surface.bounds
+                if (np.maximum(low, its_low) - np.minimum(high, its_high) <= 2.0 * deepest).all():
+                    thinnest = min(thinnest, *(thickness(self.solids[n].surface) for n in (*pair, number)))
+        return max(STRIDE * thinnest, deepest / STRIDES)
+
+
+def _clear(found: Sequence[Finding], efforts: Sequence[Effort]) -> bool:
+    """Whether all pairs are clear that something could be done about."""
+    tried = {effort.pair.names for effort in efforts}
+    return all(finding.clear for finding in found if finding.names in tried)
+
+
+def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:
+    """Whether a state that may not be clear is at least less deep, or crosses less."""
+    now, then = (
+        (sum(max(f.gap - f.least, 0.0) for f in found), sum(f.crossings for f in found))
+        for found in (after, before)
+    )
+    return all(f.clear for f in after) or now[0] < GAINED * then[0] or now[1] < GAINED * then[1]
