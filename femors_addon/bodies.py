@@ -118,6 +118,8 @@ class Solid:
         self._begun = None if self.mesh is None else scaled_jacobians(self.mesh)
         self._topology = cleaned.surface.bare()
         self._surface: Surface | None = self._topology
+        self._moved: Float | None = None
+        self._longest: float | None = None
 
     @property
     def surface(self) -> Surface:
@@ -154,7 +156,16 @@ class Solid:
     @property
     def displacement(self) -> Float:
         """(k, 3) how far each vertex of the surface has moved."""
-        return self.vertices - self.rest[self.corner]
+        if self._moved is None:
+            self._moved = self.vertices - self.rest[self.corner]
+        return self._moved
+
+    @property
+    def longest_now(self) -> float:
+        """A length that no edge of the surface exceeds at the current points."""
+        if self._longest is None:
+            self._longest = self.longest + 2.0 * float(triples.length(self.displacement).max())
+        return self._longest
 
     @property
     def nodes(self) -> Float:
@@ -193,7 +204,7 @@ class Solid:
 
     def put(self, points: Float) -> None:
         """Go to positions (p, 3) that were the body's before."""
-        self.points, self._surface = points, None
+        self.points, self._surface, self._moved, self._longest = points, None, None, None
         self.version += 1
 
     def move(self, rows: Int, step: Float, guard: bool = True) -> float:
