@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triples
+from .cutouts import normals_at
 from .mesh import Float, Int, Surface, clean
 from .nearest import Closest
 from .progress import FemorsError, Progress, silent
@@ -142,11 +143,7 @@ class Solid:
 
     def normals(self, rows: Int) -> Float:
         """Return the unit normals (r, 3) of some vertices of the surface."""
-        chosen = np.zeros(len(self.corner), dtype=bool)
-        chosen[rows] = True
-        vertex, local = triples.renumbered(self.faces[triples.some(chosen[self.faces])], len(chosen))
-        part = Surface(self.vertices[vertex], local)
-        return np.asarray(part.vertex_normals[np.searchsorted(vertex, rows)])
+        return normals_at(self.surface, rows)
 
     @property
     def begun_surface(self) -> Surface:
