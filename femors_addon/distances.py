@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .bodies import Solid
+from .cached import cached_property
 from .cutouts import Region
 from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
