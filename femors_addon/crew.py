@@ -21,6 +21,8 @@ from . import limits
 R = TypeVar("R")
 Job = Callable[[], R]
 
+BLOCK = 20_000  # rows: some 20 ms of a search
+
 _here = threading.local()  # `crew` is that of the thread
 
 
@@ -74,6 +76,15 @@ def each(jobs: Sequence[Job[R]]) -> Generator[R]:
 def together(jobs: Sequence[Job[R]]) -> list[R]:
     """Return what each job returns; see `each`."""
     return list(each(jobs))
+
+
+def in_blocks(work: Callable[[slice], R], count: int) -> list[R]:
+    """Return what the work returns for each block of so many rows; of one, empty, where there are none.
+
+    The blocks are the same for any number of threads.
+    """
+    starts = range(0, max(count, 1), BLOCK)
+    return together([partial(work, slice(start, start + BLOCK)) for start in starts])
 
 
 def ordered(jobs: Sequence[Job[R]], needs: Sequence[Collection[int]]) -> list[R]:
