@@ -145,22 +145,22 @@ class _Crew:
         return self._offers.pop() if self._offers else None
 
     def serve(self) -> None:
-        """Work on what is offered until the crew is closed."""
+        """Work on what is offered until the crew is closed; then nobody waits for what is left."""
         _here.crew = self
         limits._within.thread = True
         while True:
             with self.changed:
-                while (task := self.take()) is None:
-                    if not self._open:
-                        return
+                while self._open and not self._offers:
                     self.changed.wait()
+                task = self.take() if self._open else None
+            if task is None:
+                return
             task.run()
 
     def close(self) -> None:
         """Send the threads home; what nobody has taken is dropped."""
         with self.changed:
             self._open = False
-            self._offers.clear()
             self.changed.notify_all()
 
 

@@ -95,6 +95,26 @@ def test_who_raises_is_heard_and_nothing_goes_on(threads):
     assert len(begun) < 37
 
 
+def test_who_leaves_the_crew_leaves_nothing_behind():
+    limits.allow(2, 0)
+    begun = []
+
+    def job(number: int) -> None:
+        begun.append(number)
+        time.sleep(0.005)
+        if number == 0:
+            raise KeyboardInterrupt
+
+    def chain() -> None:
+        ordered([partial(job, n) for n in range(50)], [() if n < 2 else (n - 2,) for n in range(50)])
+
+    with pytest.raises(KeyboardInterrupt), crew():
+        chain()
+    count = len(begun)
+    time.sleep(0.02)
+    assert len(begun) == count < 50
+
+
 def test_blocks_within_a_piece_start_no_threads():
     limits.allow(2, 0)
     with crew():
