@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from . import triples
 from .cleaning import clean
+from .cutouts import normals_at
 from .mesh import Float, Int, Surface
 from .nearest import Closest
 from .progress import FemorsError, Progress, silent
@@ -119,6 +120,8 @@ class Solid:
         self._begun = None if self.mesh is None else scaled_jacobians(self.mesh)
         self._topology = cleaned.surface.bare()
         self._surface: Surface | None = self._topology
+        self._moved: Float | None = None
+        self._longest: float | None = None
 
     @property
     def surface(self) -> Surface:
@@ -141,11 +144,7 @@ class Solid:
 
     def normals(self, rows: Int) -> Float:
         """Return the unit normals (r, 3) of some vertices of the surface."""
-        chosen = np.zeros(len(self.corner), dtype=bool)
-        chosen[rows] = True
-        vertex, local = triples.renumbered(self.faces[triples.some(chosen[self.faces])], len(chosen))
-        part = Surface(self.vertices[vertex], local)
-        return np.asarray(part.vertex_normals[np.searchsorted(vertex, rows)])
+        return normals_at(self.surface, rows)
 
     @property
     def begun_surface(self) -> Surface:
@@ -155,7 +154,16 @@ class Solid:
     @property
     def displacement(self) -> Float:
         """(k, 3) how far each vertex of the surface has moved."""
-        return self.vertices - self.rest[self.corner]
+        if self._moved is None:
+            self._moved = self.vertices - self.rest[self.corner]
+        return self._moved
+
+    @property
+    def longest_now(self) -> float:
+        """A length that no edge of the surface exceeds at the current points."""
+        if self._longest is None:
+            self._longest = self.longest + 2.0 * float(triples.length(self.displacement).max())
+        return self._longest
 
     @property
     def nodes(self) -> Float:
@@ -194,7 +202,7 @@ class Solid:
 
     def put(self, points: Float) -> None:
         """Go to positions (p, 3) that were the body's before."""
-        self.points, self._surface = points, None
+        self.points, self._surface, self._moved, self._longest = points, None, None, None
         self.version += 1
 
     def move(self, rows: Int, step: Float, guard: bool = True) -> float:

@@ -7,11 +7,11 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterator
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .cached import cached_property
 from .limits import in_threads
 from .mesh import Float, Int
 from .progress import Progress, silent

@@ -78,11 +78,11 @@ class Pair:
         """Both names."""
         return self.one.name, self.two.name
 
-    def look(self, reach: float) -> None:
-        """Measure all gaps anew that may be below `reach`."""
+    def look(self, reach: float, least: float = np.inf) -> None:
+        """Measure all gaps anew that may be below `reach`; those of nodes never too near, below `least`."""
         self.sides[0].frame = self.offset
         self.sides[0].shift, self.sides[1].shift = self.offset, -self.offset
-        together([partial(side.look, reach) for side in self.sides])
+        together([partial(side.look, reach, least) for side in self.sides])
 
     def shifted(self, offset: Float) -> None:
         """Look at the pair with the first body at another offset from now on."""
@@ -146,10 +146,10 @@ class Side:
         self._index: SurfaceIndex | None = None
         self._region: Region | None = None
 
-    def look(self, reach: float) -> None:
-        """Measure the gaps that may be below `reach`, this body being shifted."""
+    def look(self, reach: float, least: float = np.inf) -> None:
+        """Measure gaps as `Pair.look` does, this body being shifted."""
         shift = self.shift
-        rows = np.flatnonzero(self.bound < reach)
+        rows = np.flatnonzero((self.bound < min(reach, least)) | (self.ever & (self.bound < reach)))
         self.found.gaps[rows] = np.inf
         low, high = self.other.surface.bounds
         points = self.body.vertices[rows] + shift
@@ -172,13 +172,13 @@ class Side:
             self.bound[rows] = span
             return
         self._index = SurfaceIndex(self._region.surface)
-        gaps = self._measured(points)
+        all_gaps = self._measured(every)
+        gaps, on_edges = all_gaps.at(slice(len(rows))), all_gaps.at(slice(len(rows), None))
         # farther than the region is wide, the side is not to be trusted; but such a node is not inside
         self.found.put(rows, dataclasses.replace(gaps, gaps=_outside(gaps.gaps, span)))
         self.bound[rows] = np.minimum(self.found.gaps[rows], span)
         own = self.body.normals(rows)
         self.wrong[rows] = np.einsum("ij,ij->i", own, gaps.ways) > FACING
-        on_edges = self._measured(edges)
         near = on_edges.gaps < reach  # places that are far off by now may be forgotten
         self.ends, self.along, self.on_edges = self.ends[near], self.along[near], on_edges.at(near)
 
@@ -254,8 +254,7 @@ class Side:
 
     def beyond(self, share: float) -> bool:
         """Whether no node is within a share of the longest edge of the other surface."""
-        longest = self.body.longest + 2.0 * float(triples.length(self.body.displacement).max())
-        return bool(self.bound.min() > share * longest)
+        return bool(self.bound.min() > share * self.body.longest_now)
 
     def pierced(self, found: Pierced) -> int:
         """Keep a place on each of the edges that pierce the other surface; return how many do."""
@@ -317,7 +316,7 @@ class _Gaps:
         pairs = ((getattr(one, f.name), getattr(two, f.name)) for f in dataclasses.fields(cls))
         return cls(*map(np.concatenate, pairs))
 
-    def at(self, rows: NDArray) -> _Gaps:
+    def at(self, rows: NDArray | slice) -> _Gaps:
         return _Gaps(self.gaps[rows], self.ways[rows], self.feet[rows])
 
     def put(self, rows: Int, other: _Gaps) -> None:

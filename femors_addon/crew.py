@@ -21,6 +21,8 @@ from . import limits
 R = TypeVar("R")
 Job = Callable[[], R]
 
+BLOCK = 20_000  # rows: some 20 ms of a search
+
 _here = threading.local()  # `crew` is that of the thread
 
 
@@ -74,6 +76,15 @@ def each(jobs: Sequence[Job[R]]) -> Generator[R]:
 def together(jobs: Sequence[Job[R]]) -> list[R]:
     """Return what each job returns; see `each`."""
     return list(each(jobs))
+
+
+def in_blocks(work: Callable[[slice], R], count: int) -> list[R]:
+    """Return what the work returns for each block of so many rows; of one, empty, where there are none.
+
+    The blocks are the same for any number of threads.
+    """
+    starts = range(0, max(count, 1), BLOCK)
+    return together([partial(work, slice(start, start + BLOCK)) for start in starts])
 
 
 def ordered(jobs: Sequence[Job[R]], needs: Sequence[Collection[int]]) -> list[R]:
@@ -134,22 +145,22 @@ class _Crew:
         return self._offers.pop() if self._offers else None
 
     def serve(self) -> None:
-        """Work on what is offered until the crew is closed."""
+        """Work on what is offered until the crew is closed; then nobody waits for what is left."""
         _here.crew = self
         limits._within.thread = True
         while True:
             with self.changed:
-                while (task := self.take()) is None:
-                    if not self._open:
-                        return
+                while self._open and not self._offers:
                     self.changed.wait()
+                task = self.take() if self._open else None
+            if task is None:
+                return
             task.run()
 
     def close(self) -> None:
         """Send the threads home; what nobody has taken is dropped."""
         with self.changed:
             self._open = False
-            self._offers.clear()
             self.changed.notify_all()
 
 

@@ -56,3 +56,11 @@ def reaching(surface: Surface, low: Float, high: Float) -> NDArray[np.bool_]:
     a, b, c = (sides[corner] for corner in surface.faces.T)
     out: NDArray[np.bool_] = (a & b & c) == 0
     return out
+
+
+def normals_at(surface: Surface, rows: NDArray) -> Float:
+    """Return the unit normals (r, 3) at some vertices."""
+    chosen = np.zeros(len(surface.vertices), dtype=bool)
+    chosen[rows] = True
+    part = Region.cut(surface, triples.some(chosen[surface.faces]))
+    return np.asarray(part.surface.vertex_normals[np.searchsorted(part.vertex, rows)])

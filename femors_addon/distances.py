@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,8 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .bodies import Solid
+from .cached import cached_property
+from .crew import in_blocks
 from .cutouts import Region
 from .mesh import Float, Surface, edge_matrix
 from .nearest import SurfaceIndex
@@ -58,7 +59,9 @@ class Target:
         with self._lock:
             if self._corners is None:
                 self._corners = cKDTree(self.surface.vertices, balanced_tree=False)
-        far, which = self._corners.query(points)
+        tree = self._corners
+        found = in_blocks(lambda block: tree.query(points[block]), len(points))
+        far, which = (np.concatenate(column) for column in zip(*found, strict=True))
         return far, which
 
     def near(self, points: Float) -> Float:
@@ -78,12 +81,17 @@ class Target:
                 self.surface.faces
             ):  # whatever is there: bits must not go by the order
                 index = SurfaceIndex(part)
-        index = index or self.index
-        found = index.closest(points)
-        normal = index.pseudonormals(found)
-        side = np.einsum("ij,ij->i", points - found.point, normal)
-        inside = (side < 0) & ~self.solid.on_border(found)
-        return np.where(inside, -found.distance, found.distance), normal
+        chosen = index or self.index
+
+        def measured(block: slice) -> tuple[Float, Float]:
+            found = chosen.closest(points[block])
+            normal = chosen.pseudonormals(found)
+            side = np.einsum("ij,ij->i", points[block] - found.point, normal)
+            inside = (side < 0) & ~self.solid.on_border(found)
+            return np.where(inside, -found.distance, found.distance), normal
+
+        signed, normal = zip(*in_blocks(measured, len(points)), strict=True)
+        return np.concatenate(signed), np.concatenate(normal)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -175,7 +183,7 @@ def _sides(
     if len(asked):  # of each piece that nothing is known of, the vertex that is easiest to measure
         order = asked[np.lexsort((signed[asked], mine[asked]))]
         first = order[np.append(True, np.diff(mine[order]) > 0)]
-        exact, _ = other.signed(surface.vertices[rows[first]])
+        exact, _ = other.signed(surface.vertices[rows[first]], float(signed[first].max()))
         within[mine[first]] = exact < 0
     inside: Mask = np.where(near, signed < 0, within[mine])
     return inside
@@ -193,5 +201,5 @@ def _measure_deepest(
             block = block[most[block] > (1.0 + DEEPER) * -float(signed.min())]
             if not len(block):
                 return
-        signed[block] = np.minimum(other.signed(points[block])[0], 0.0)
+        signed[block] = np.minimum(other.signed(points[block], float(most[block].max()))[0], 0.0)
         start, size = start + size, 2 * size

@@ -80,7 +80,7 @@ class Effort:
         self.worst, self.missing, self.pierced = 0.0, 0.0, 0
         self._steps, self._clear_at = 0, (-1, -1)
         self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
-        pair.look(self._reach)
+        pair.look(self._reach, self.target)
         self.through = settings.continuation and self._begin_parting(stuck)
 
     @property
@@ -110,7 +110,7 @@ class Effort:
         versions = pair.one.version, pair.two.version
         if self.done and versions == self._clear_at:
             return None
-        pair.look(self._reach)
+        pair.look(self._reach, self.target)
         strict = self.phase == CLEARING
         self.worst = max(0.0, self.target - pair.deepest(strict))
         self.missing = max(0.0, self.target - pair.deepest(True))

@@ -94,7 +94,7 @@ class Meeting:
     def _search(self, shifts: tuple[Float, Float], bounds: tuple[Float, Float]) -> None:
         """Look for the faces that may cross before the bodies have moved by the slack."""
         parts = [
-            Region.near(body.surface, bound, shift, _longest(body), REACH, 3.0 * self._slack)
+            Region.near(body.surface, bound, shift, body.longest_now, REACH, 3.0 * self._slack)
             for body, bound, shift in zip(self._bodies, bounds, shifts, strict=True)
         ]
         self._parts = parts[0], parts[1]
@@ -112,11 +112,6 @@ class Meeting:
         # a large face is searched in pieces
         keys = np.unique(np.concatenate([f * len(two.faces) + g for f, g in together(jobs)]))
         self._pairs = keys // len(two.faces), keys % len(two.faces)
-
-
-def _longest(body: Solid) -> float:
-    """Return a length that no edge of a body exceeds."""
-    return body.longest + 2.0 * float(triples.length(body.displacement).max())
 
 
 def _near(one: intersect._Balls, two: intersect._Balls, part: slice, slack: float) -> tuple[Index, Index]:

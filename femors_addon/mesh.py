@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from . import triples
+from .cached import cached_property
 from .progress import FemorsError
 from .triples import Float
 

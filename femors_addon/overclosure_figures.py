@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import booleans, triples
 from .bodies import Solid
-from .cutouts import Region
+from .crew import together
+from .cutouts import Region, normals_at
 from .distances import Target
 from .intersect import crossings
 from .mesh import Float, Surface
@@ -132,28 +134,30 @@ class BodyResult:
             words.append(f"inverted before and left alone, not in these: {len(self.inverted_input)}")
         return f"{self.name}: {', '.join(words)}"
 
-    # --- made from the bodies at work ---------------------------------------------------------------------
 
-
+# --- made from the bodies at work -----------------------------------------------------------------------
 def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
     """Return the figures of a body, from where it began to where it is."""
-    old, new, nodes = solid.begun_surface.bare(), solid.surface.bare(), solid.nodes
+    old, nodes = solid.begun_surface.bare(), solid.nodes
     distance = np.linalg.norm(nodes - solid.body.nodes, axis=1)
     moved = distance > 0
-    xor = booleans.xor_volume(old, new) if moved.any() else 0.0  # first, for it needs most memory
-    touched, settled = _contact(solid, efforts)
-    thickness, thinned = _thickness(old, new, touched) if moved.any() else (None, 0.0)
-    elements = None
-    if solid.mesh is not None and solid.mesh.solid:
-        valid = np.ones(solid.mesh.element_count, dtype=bool)
-        valid[solid.inverted_input] = False
-        elements = (
-            VolumeQuality.of(solid.mesh, valid),
-            VolumeQuality.of(solid.mesh.moved(nodes), valid),
-        )
-    ids = np.zeros(0, np.int64) if solid.mesh is None else solid.mesh.element_ids
     same = not moved.any()
-    aspect, dihedral = Stat.of(aspect_ratio(old)), Stat.of(dihedral_angles(old))
+    _ = old.edge_faces  # known to both
+    new = old if same else old.moved(solid.surface.vertices)
+    jobs: list[Callable[[], Any]] = [partial(_shape, old)]
+    if not same:
+        jobs += [
+            partial(_shape, new),
+            partial(booleans.xor_volume, old, new),
+            partial(_touched, solid, efforts, old, new),
+            partial(_folded, old, new),
+        ]
+    shape, shape_now, xor, contact, folded = (
+        together(jobs) if not same else (*together(jobs), None, 0.0, (None, 0.0, None), 0)
+    )
+    (aspect, dihedral, volume), (aspect_now, dihedral_now, volume_now) = shape, shape_now or shape
+    thickness, thinned, settled = contact
+    ids = np.zeros(0, np.int64) if solid.mesh is None else solid.mesh.element_ids
     return BodyResult(
         name=solid.name,
         share=solid.share,
@@ -161,19 +165,43 @@ def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
         nodes=nodes,
         moved=int(moved.sum()),
         movement=Stat.of(distance[moved]),
-        aspect=(aspect, aspect if same else Stat.of(aspect_ratio(new))),
-        dihedral=(dihedral, dihedral if same else Stat.of(dihedral_angles(new))),
-        volume=(old.volume, new.volume),
-        xor=None if xor is None or not old.volume > 0 else xor / old.volume,
+        aspect=(aspect, aspect_now),
+        dihedral=(dihedral, dihedral_now),
+        volume=(volume, volume_now),
+        xor=None if xor is None or not volume > 0 else xor / volume,
         thickness=thickness,
         thinned=thinned,
-        settled=None if same or not len(settled) else Stat.of(settled),
-        elements=elements,
+        settled=settled,
+        elements=_elements(solid, nodes),
         inverted_input=np.asarray(ids[solid.inverted_input]),
         inverted_new=np.asarray(ids[solid.inverted_new()]),
         held=len(solid.held),
-        folded=0 if same else _folded(old, new),
+        folded=folded,
     )
+
+
+def _shape(surface: Surface) -> tuple[Stat, Stat, float]:
+    """Aspect ratio, dihedral angle and volume of a surface."""
+    return Stat.of(aspect_ratio(surface)), Stat.of(dihedral_angles(surface)), surface.volume
+
+
+def _elements(solid: Solid, nodes: Float) -> tuple[VolumeQuality, VolumeQuality] | None:
+    """Quality of the solid elements that were valid on input, before and after."""
+    mesh = solid.mesh
+    if mesh is None or not mesh.solid:
+        return None
+    valid = np.ones(mesh.element_count, dtype=bool)
+    valid[solid.inverted_input] = False
+    before, after = together([partial(VolumeQuality.of, m, valid) for m in (mesh, mesh.moved(nodes))])
+    return before, after
+
+
+def _touched(
+    solid: Solid, efforts: Sequence[Effort], old: Surface, new: Surface
+) -> tuple[tuple[Stat, Stat] | None, float, Stat | None]:
+    """Return (thickness, share lost, distance from the other body) where a body was too near another."""
+    rows, settled = _contact(solid, efforts)
+    return *_thickness(old, new, rows), Stat.of(settled) if len(settled) else None
 
 
 def _contact(solid: Solid, efforts: Sequence[Effort]) -> tuple[np.ndarray, Float]:
@@ -213,7 +241,7 @@ def _thickness(old: Surface, new: Surface, rows: np.ndarray) -> tuple[tuple[Stat
 
 def _through(surface: Surface, rows: np.ndarray) -> Float:
     """Distance (k,) from vertices straight inward to the other side; infinite where there is none."""
-    start, inward = surface.vertices[rows], -surface.vertex_normals[rows]
+    start, inward = surface.vertices[rows], -normals_at(surface, rows)
     length = RAY * thickness(surface)
     off = 1e-6 * length
     start = start + off * inward

@@ -24,11 +24,14 @@ def first_hits(start: Float, way: Float, length: float, surface: Surface) -> Flo
     """
     out = np.full(len(start), np.inf)
     centre, radius = enclosing_balls(surface.corners)
+    middle = start.mean(axis=0) if len(start) else np.zeros(3)
+    centre -= middle  # squares of large coordinates would leave no digits
     step = max(TOGETHER // max(len(radius), 1), 1)
     for low in range(0, len(start), step):
         rays = slice(low, low + step)
-        along = way[rays] @ centre.T - triples.dot(way[rays], start[rays])[:, None]
-        apart = triples.squared(start[rays])[:, None] - 2.0 * start[rays] @ centre.T + triples.squared(centre)
+        here = start[rays] - middle
+        along = way[rays] @ centre.T - triples.dot(way[rays], here)[:, None]
+        apart = triples.squared(here)[:, None] - 2.0 * here @ centre.T + triples.squared(centre)
         reach = radius + 1e-6 * length
         near = (apart - along**2 <= reach**2) & (along >= -reach) & (along <= length + reach)
         row, face = np.nonzero(near)

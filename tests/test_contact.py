@@ -22,18 +22,23 @@ def solids(by=(17.0, 1.0, 2.0)) -> tuple[Solid, Solid]:
 
 
 # --- gaps ---------------------------------------------------------------------------------------------
-def test_lazy_gaps_equal_brute_force_while_bodies_move_and_shift():
-    """Nodes are measured again only where their bound allows: what is below the reach is always exact."""
+@pytest.mark.parametrize("least", [np.inf, 0.1])
+def test_lazy_gaps_equal_brute_force_while_bodies_move_and_shift(least):
+    """Nodes are measured again only where their bound allows: what is below the reach is always exact.
+
+    Of nodes that were never too near, what is below `least`.
+    """
     one, two = solids()
     pair, random, reach = Pair(one, two, 0.0), np.random.default_rng(1), 0.6
     for number in range(12):
-        pair.look(reach)
+        pair.look(reach, least)
+        pair.contacts(0.05, strict=True)
         for side, shift in zip(pair.sides, (pair.offset, -pair.offset), strict=True):
             true = SurfaceIndex(side.other.surface).signed(side.body.vertices + shift)
-            low = true < reach
+            low = true < np.where(side.ever, reach, min(least, reach))
             assert low.any()
             assert side.found.gaps[low] == pytest.approx(true[low], abs=1e-9)
-            assert (side.found.gaps[~low] >= reach - 1e-9).all()
+            assert (side.found.gaps[~low] >= min(least, reach) - 1e-9).all()
             assert (side.bound <= true + 1e-9).all()
         steps = {}
         for solid in (one, two):

@@ -6,12 +6,11 @@ from __future__ import annotations
 import json
 import os
 import threading
-from concurrent.futures import ThreadPoolExecutor as Pool
 
 import numpy as np
 import pytest
 
-from femors_addon import frames, intersect, limits, nearest
+from femors_addon import crew, frames, intersect, limits, nearest
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
 from femors_addon.grnn import DisplacementField
@@ -90,14 +89,18 @@ def test_threads_change_no_bit(job, monkeypatch):
     monkeypatch.setattr(intersect, "AT_ONCE", 500)
     limits.allow(1, 0)
     one = job()
-    started = []
+    started = set()
+    pool, thread = limits.ThreadPoolExecutor, crew.threading.Thread
     monkeypatch.setattr(
-        limits, "ThreadPoolExecutor", lambda count, **more: started.append(count) or Pool(count, **more)
+        limits, "ThreadPoolExecutor", lambda count, **more: started.add(count) or pool(count, **more)
+    )
+    monkeypatch.setattr(
+        crew.threading, "Thread", lambda **more: started.add(limits.Limits.threads) or thread(**more)
     )
     for threads in (2, 3):
         limits.allow(threads, 0)
         np.testing.assert_array_equal(job(), one)
-    assert {2, 3} <= set(started), "it runs in threads at all"
+    assert {2, 3} <= started, "it runs in threads at all"
 
 
 def test_no_threads_asked_are_all_there_are():

@@ -12,7 +12,8 @@ from .tables import cell, code, table
 PUBLIC = (
     *("mesh", "cleaning", "morph", "morph_settings", "morph_result", "align", "transforms", "grnn"),
     *("keptfield", "carry", "transfer", "landmarks", "landmarkfiles", "regions"),
-    *("overclosure", "bodies", "overclosure_settings", "overclosure_result", "overclosure_check"),
+    *("overclosure", "bodies", "overclosure_settings", "overclosure_result"),
+    *("overclosure_check", "findings"),
     *("deckfiles", "deck", "deck_morph", "meshfiles", "volume", "volume_morph"),
     *("quality", "examine", "volume_quality", "nearest", "intersect", "progress", "settings", "shapes"),
 )

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Threads that share pieces of work: no more than allowed, nothing lost, and no bit changed."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+from solids import hexes
+
+from femors_addon import limits
+from femors_addon.crew import crew, each, ordered, together
+from femors_addon.overclosure import Body, OverclosureSettings, check_overclosure, remove_overclosure
+from femors_addon.progress import Cancelled
+from femors_addon.shapes import sphere
+
+
+@pytest.fixture(autouse=True)
+def restored():
+    before = limits.Limits.threads, limits.Limits.memory
+    yield
+    limits.Limits.threads, limits.Limits.memory = before
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("femors-")]
+
+
+def nested(depth: int, number: int) -> list[int]:
+    """Pieces within pieces, their numbers in order."""
+    time.sleep(0.001)
+    if not depth:
+        return [number, threading.get_ident()]
+    parts = together([partial(nested, depth - 1, 3 * number + i) for i in range(3)])
+    return [*itertools.chain(*parts)]
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_pieces_within_pieces_keep_their_order_and_no_more_threads_work_than_allowed(threads):
+    limits.allow(threads, 0)
+    with crew():
+        found = nested(3, 0)
+    assert found[::2] == list(range(27))
+    assert len(set(found[1::2])) == threads
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_what_is_needed_is_done_before(threads):
+    limits.allow(threads, 0)
+    needs = [(), (), (0,), (1,), (2, 3), (0,), (5,), (4, 6)]
+    done: list[int] = []
+
+    def job(number: int) -> int:
+        assert set(needs[number]) <= set(done)
+        assert threading.get_ident() == main or threads > 1
+        time.sleep(0.002)
+        done.append(number)
+        return number**2
+
+    main = threading.get_ident()
+    for _ in range(5):
+        done.clear()
+        with crew():
+            assert ordered([partial(job, n) for n in range(8)], needs) == [n**2 for n in range(8)]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_who_raises_is_heard_and_nothing_goes_on(threads):
+    limits.allow(threads, 0)
+    begun = []
+
+    def job(number: int) -> int:
+        begun.append(number)
+        time.sleep(0.005)
+        if number == 2:
+            raise ValueError("two")
+        return number
+
+    jobs = [partial(job, n) for n in range(40)]
+    with crew():
+        with pytest.raises(ValueError, match="two"):
+            together(jobs)
+        count = len(begun)
+        time.sleep(0.02)
+        assert len(begun) == count < 40
+        with pytest.raises(ValueError, match="two"):
+            ordered(jobs[:10], [() if n < 3 else (2,) for n in range(10)])
+        assert together(jobs[:2]) == [0, 1]  # the crew goes on
+    begun.clear()
+    with pytest.raises(Cancelled), crew():
+        for number in each(jobs[3:]):
+            if number == 5:
+                raise Cancelled
+    assert len(begun) < 37
+
+
+def test_who_leaves_the_crew_leaves_nothing_behind():
+    limits.allow(2, 0)
+    begun = []
+
+    def job(number: int) -> None:
+        begun.append(number)
+        time.sleep(0.005)
+        if number == 0:
+            raise KeyboardInterrupt
+
+    def chain() -> None:
+        ordered([partial(job, n) for n in range(50)], [() if n < 2 else (n - 2,) for n in range(50)])
+
+    with pytest.raises(KeyboardInterrupt), crew():
+        chain()
+    count = len(begun)
+    time.sleep(0.02)
+    assert len(begun) == count < 50
+
+
+def test_blocks_within_a_piece_start_no_threads():
+    limits.allow(2, 0)
+    with crew():
+        seen = together([lambda: set(limits.in_threads(lambda _: threading.get_ident(), range(9)))] * 2)
+    assert all(len(one) == 1 for one in seen)
+    assert len(set(limits.in_threads(lambda _: time.sleep(0.01) or threading.get_ident(), range(9)))) == 2
+
+
+# --- removals -------------------------------------------------------------------------------------------
+def many() -> list[Body]:
+    """A plate pressed between two balls, one of them rigid, a third ball in one of these, and one apart."""
+    return [
+        Body("below", sphere(3, radius=10.0), 0.0),
+        Body("above", sphere(3, radius=10.0, centre=(0.0, 0.0, 22.2))),
+        Body("plate", hexes((12, 12, 3), (18, 18, 3), centre=(0, 0, 11.1))),
+        Body("beside", sphere(3, radius=6.0, centre=(15.3, 0.0, 22.2))),
+        Body("apart", sphere(3, radius=6.0, centre=(60.0, 0.0, 0.0))),
+    ]
+
+
+def test_threads_change_no_bit_of_many_bodies_and_no_figure():
+    found = []
+    for threads in (1, 2, 3):
+        limits.allow(threads, 0)
+        said: list[str] = []
+        result = remove_overclosure(many(), progress=lambda f, text, said=said: said.append(text))
+        report = result.report()
+        del report["cpu_seconds"], report["solve_cpu_seconds"]
+        found.append((report, said, np.concatenate([body.nodes for body in result.bodies])))
+    assert found[0][0]["certified"]
+    assert len(found[0][0]["pairs"]["before"]) == 3
+    for report, said, nodes in found[1:]:
+        assert report == found[0][0]
+        assert said == found[0][1]
+        np.testing.assert_array_equal(nodes, found[0][2])
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("at", [1, 3, 11, 12, 14])
+def test_a_removal_in_threads_is_cancelled_wherever_it_is(threads, at):
+    limits.allow(threads, 0)
+    calls = []
+
+    def progress(fraction: float, text: str) -> None:
+        calls.append(text)
+        if len(calls) == at:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        remove_overclosure(many(), OverclosureSettings(), progress)
+    assert len(calls) == at
+    calls.clear()
+    if at < 10:
+        with pytest.raises(Cancelled):
+            check_overclosure(many(), progress=progress)
