@@ -23,7 +23,9 @@ SHARP = 45.0  # degrees between the normals of the faces at a feature edge of th
 SOFTER = 30.0  # the same on the target: a line must not end where its angle passes the limit
 LONG = 30  # edges that a line has at least: shorter ones are noise, or facets of a coarse mesh
 REACH = 0.75  # mean edges: how far a node goes to a line
-AROUND = 16  # edges of lines that are looked at, where the closest one faces another way: within reach few lie
+AROUND = (
+    16  # edges of lines that are looked at, where the closest one faces another way: within reach few lie
+)
 
 
 def feature_edges(surface: Surface, sharp: float = SHARP) -> tuple[Int, Int]:
@@ -100,7 +102,9 @@ class FeatureLines:
         own = triples.unit(own)
         found: Closest = self.lines.closest(positions)
         distance, point = found.distance.copy(), found.point
-        other = np.flatnonzero((distance < self.reach) & (triples.dot(own, self.facing[found.face]) <= FACING))
+        other = np.flatnonzero(
+            (distance < self.reach) & (triples.dot(own, self.facing[found.face]) <= FACING)
+        )
         if len(other):
             distance[other], point[other] = self._compatible(positions[other], own[other])
         near = distance < self.reach
