@@ -34,6 +34,7 @@ from .reduce import pyramid
 from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
 from .schedule import CARRY, Stage, node_counts, stages
 from .steer import Pairs, Pull, Steering, lead
+from .strays import without_strays
 from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
@@ -93,6 +94,7 @@ def morph(
         clean(source.vertices, source.faces, "source"),
         clean(target.vertices, target.faces, "target"),
     )
+    ours, theirs = without_strays(ours, theirs)
     factor = None if settings.fix_units else unit_factor(ours.surface, theirs.surface, settings.partial)
     if factor is not None:  # no deformation makes a bone of a thousandth of one
         raise FemorsError(

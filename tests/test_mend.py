@@ -105,7 +105,7 @@ def test_nodes_that_may_not_move_stay(ball):
 
 
 def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
-    node, displacement = _pulled(ball, 1.4)
+    _, displacement = _pulled(ball, 1.4)
     positions = ball.vertices + displacement
     none, every = np.zeros(0, np.int32), np.ones(len(positions), bool)
     work = _Patches(ball, ball, SurfaceIndex(ball), none, every, MorphSettings())
