@@ -122,6 +122,11 @@ def _harmonic(
         inside |= mean @ inside.astype(float) > 0
     if free is not None:
         inside &= free > 0
+    return harmonic(displacement, inside, mean, rings)
+
+
+def harmonic(displacement: Float, inside: np.ndarray, mean: sparse.csr_matrix, rings: int) -> Float:
+    """Replace the displacement of the nodes `inside` (n,) by the mean of its neighbours, over and over."""
     rows = mean[np.flatnonzero(inside)]
     out = displacement.copy()
     for _ in range(4 * rings * rings):

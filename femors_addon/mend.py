@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .correspond import FACING, at_border, interpolated_normals
-from .folds import Reference, folded
+from .folds import Reference, folded, harmonic
 from .intersect import enclosing_balls, self_intersections
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
@@ -27,6 +27,7 @@ from .nearest import SurfaceIndex
 from .progress import Progress, silent
 from .progress import part as section
 from .quality import aspect_ratio, flipped_faces
+from .relax import averaging
 
 PATCHES = (1, 2, 3, 4, 6)  # edges around a bad face, one attempt after the other
 ROUNDS = 8  # of averaging, per edge of the patch's width
@@ -34,6 +35,8 @@ SLENDER, GROWTH = 10.0, 3.0  # aspect ratio, and times that of the source, beyon
 SQUEEZED = 0.1  # what a squeezed face counts beside one that is folded or crosses others
 LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away,
 FARTHEST = 1.5  # mean edges: and its nodes may go so far
+BACK = (3, 5, 8)  # edges around a bad face that step back: wider than patches that have failed before
+APPROACHES, HOLDS = 6, 5  # half-way steps back to the target, and times that nodes of each may be held
 REACH = 16  # edges around the bad faces that may move: all patches, one after the other, reach as far
 CLOSE = 0.5  # mean edges: so near the target a node is laid on it whichever way it faces
 
@@ -99,6 +102,8 @@ def mended(
         loose, after = work.mend(begun, pairs, bad, 0.0, section(progress, 0.5, 1.0))
         if (after >= 1.0).sum() < (still >= 1.0).sum():
             best, still = loose, after
+    if (still >= 1.0).any():
+        best, still = work.step_back(best, still)
     changed = (best != begun).any(axis=1)  # rounding must not move the others
     out = displacement.copy()
     out[part.nodes[changed]] = best[changed] - aligned.vertices[part.nodes[changed]]
@@ -187,17 +192,70 @@ class _Patches:
                 break
             inside = _patch(self.aligned, at, rings) & self.part.may
             trial = self._spread_out(positions, np.flatnonzero(inside), rings, close)
-            crossed = self._crossed(pairs, positions, trial)
-            after = self.badness(trial, crossed)
+            after = self.badness(trial, self._crossed(pairs, positions, trial))
             better = _better(self.aligned, inside, bad, after)
-            better &= self._small(inside, np.linalg.norm(trial - positions, axis=1))
-            trial[~better] = positions[~better]
-            if not better.all():
-                crossed = self._crossed(pairs, positions, trial)
-                after = self.badness(trial, crossed)
+            better &= self._small(inside, np.linalg.norm(trial - positions, axis=1), LARGEST)
+            trial, after, crossed = self._partly(positions, pairs, trial, better)
             if after.sum() < bad.sum():
                 positions, bad, pairs = trial, after, crossed
         return positions, bad
+
+    def step_back(self, positions: Float, bad: Float) -> tuple[Float, Float]:
+        """Take the patches around bad faces off the target; return positions (k, 3) and what is bad (j,).
+
+        `aligned` has neither folds nor crossings that are not its own, and a harmonic displacement makes none
+        as long as it differs little from node to node. Patches go back where they were if that takes a node
+        farther than `FARTHEST` mean edges: it would be another fault.
+        """
+        pairs = self_intersections(self.aligned.moved(positions))
+        mean = averaging(self.aligned)
+        for rings in BACK:
+            at = np.flatnonzero(bad >= 1.0)
+            if not len(at):
+                break
+            inside = _patch(self.aligned, at, rings) & self.part.may
+            away = harmonic(positions - self.aligned.vertices, inside, mean, rings)
+            trial = np.where(inside[:, None], self.aligned.vertices + away, positions)
+            after = self.badness(trial, self._crossed(pairs, positions, trial))
+            better = _better(self.aligned, inside, bad, after)
+            trial, after, crossed = self._partly(positions, pairs, trial, better)
+            nodes = np.flatnonzero((trial != positions).any(axis=1))
+            trial, after, crossed = self._approached(trial, after, crossed, nodes)
+            near = self._small(inside, np.linalg.norm(trial - positions, axis=1), 1.0)
+            trial, after, crossed = self._partly(positions, pairs, trial, near)
+            if after.sum() < bad.sum():
+                positions, bad, pairs = trial, after, crossed
+        return positions, bad
+
+    def _approached(self, positions: Float, bad: Float, pairs: Int, nodes: Int) -> tuple[Float, Float, Int]:
+        """Move nodes towards the target as long as no face gets worse; return the state that they reach."""
+        for _ in range(APPROACHES if len(nodes) else 0):
+            point, kept = self._compatible(positions, nodes)
+            step = np.where(kept[:, None], 0.5 * self.settings.projection * (point - positions[nodes]), 0.0)
+            held = np.zeros(len(positions), dtype=bool)
+            for _ in range(HOLDS):
+                trial = positions.copy()
+                trial[nodes] += np.where(held[nodes, None], 0.0, step)
+                crossed = self._crossed(pairs, positions, trial)
+                after = self.badness(trial, crossed)
+                worse = np.flatnonzero(after > bad)
+                if not len(worse):
+                    positions, bad, pairs = trial, after, crossed
+                    break
+                held |= _patch(self.aligned, worse, 1)
+        return positions, bad, pairs
+
+    def _compatible(self, positions: Float, nodes: Int, close: float = 0.0) -> tuple[Float, np.ndarray]:
+        """Return the target's points (k, 3) closest to some nodes, and which nodes face as it does (k,)."""
+        aligned, target = self.aligned, self.target
+        moved = aligned.moved(positions)
+        found = target.closest(positions[nodes])
+        normals = interpolated_normals(target.surface, found.face, found.barycentric)
+        kept = np.einsum("ij,ij->i", moved.vertex_normals[nodes], normals) > FACING
+        kept |= found.distance < close * self.part.edge
+        if self.settings.partial != "none":
+            kept &= ~at_border(target.surface, found.face, found.barycentric)
+        return found.point, kept
 
     def _spread_out(self, positions: Float, nodes: Int, rings: int, close: float) -> Float:
         """Move the nodes towards the mean of their neighbours, all weighing alike, and onto the target.
@@ -205,7 +263,7 @@ class _Patches:
         Those that lie within `close` mean edges of it are laid on it again and again, whichever way they
         face; without, only those that face as the target does, and once, at the end.
         """
-        aligned, target, edge = self.aligned, self.target, self.part.edge
+        aligned = self.aligned
         rows = aligned.adjacency[nodes]
         rows = sparse.diags(1.0 / np.maximum(np.asarray(rows.sum(axis=1)).ravel(), 1.0)) @ rows
         out = positions.copy()
@@ -213,24 +271,26 @@ class _Patches:
             for _ in range(ROUNDS):
                 out[nodes] = 0.5 * (out[nodes] + rows @ out)
             if close or number == rings:
-                moved = aligned.moved(out)
-                found = target.closest(out[nodes])
-                normals = interpolated_normals(target.surface, found.face, found.barycentric)
-                kept = np.einsum("ij,ij->i", moved.vertex_normals[nodes], normals) > FACING
-                kept |= found.distance < close * edge
-                if self.settings.partial != "none":
-                    kept &= ~at_border(target.surface, found.face, found.barycentric)
-                step = found.point[kept] - out[nodes[kept]]
+                point, kept = self._compatible(out, nodes, close)
+                step = point[kept] - out[nodes[kept]]
                 out[nodes[kept]] += self.settings.projection * step
         return out
 
-    def _small(self, inside: np.ndarray, movement: Float) -> np.ndarray:
-        """False (n,) for the nodes of patches that are a good part of the mesh, or move far."""
+    def _partly(
+        self, positions: Float, pairs: Int, trial: Float, chosen: np.ndarray
+    ) -> tuple[Float, Float, Int]:
+        """Return the trial at the chosen nodes (n,) only, how bad each face is then, and which cross."""
+        trial = np.where(chosen[:, None], trial, positions)
+        crossed = self._crossed(pairs, positions, trial)
+        return trial, self.badness(trial, crossed), crossed
+
+    def _small(self, inside: np.ndarray, movement: Float, largest: float) -> np.ndarray:
+        """False (k,) for the nodes of patches that have more than that share of all, or move far."""
         patch, count = _hanging(self.aligned, inside)
         size = np.bincount(patch, minlength=count + 1)
         far = np.zeros(count + 1)
         np.maximum.at(far, patch, movement)
-        small = (size <= LARGEST * self.part.count) & (far <= FARTHEST * self.part.edge)
+        small = (size <= largest * self.part.count) & (far <= FARTHEST * self.part.edge)
         small[count] = True
         return np.asarray(small[patch])
 

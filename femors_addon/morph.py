@@ -40,6 +40,7 @@ from .reduce import pyramid
 from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, node_counts, stages
 from .steer import Pull, Steering, lead
+from .strays import without_strays
 from .transforms import inverse, transformed
 from .units import unit_factor
 from .watch import Watch
@@ -101,6 +102,7 @@ def morph(
         clean(source.vertices, source.faces, "source"),
         clean(target.vertices, target.faces, "target"),
     )
+    ours, theirs = without_strays(ours, theirs)
     factor = None if settings.fix_units else unit_factor(ours.surface, theirs.surface, settings.partial)
     if factor is not None:  # no deformation makes a bone of a thousandth of one
         raise FemorsError(

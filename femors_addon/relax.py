@@ -248,7 +248,7 @@ def _to_target(
     if settings.partial != "target" and kept.any() and not kept.all():
         field = DisplacementField(moved.vertices[kept], step[kept], NEAR * moved.mean_edge)
         step[~kept] = field(moved.vertices[~kept])
-    nodes, points = lines.onto(moved.vertices)
+    nodes, points = lines.onto(moved)
     step[nodes] = points - moved.vertices[nodes]
     landed = np.where(kept[:, None] & fresh, found.point, np.nan)
     landed[nodes] = points

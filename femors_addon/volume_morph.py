@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .cleaning import clean
+from .cleaning import Cleaned, clean
 from .grnn import DisplacementField
 from .interior import harmonic, stiffness
 from .mesh import Float, Int, Surface
@@ -25,6 +25,7 @@ from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Preview, Progress, part, silent
 from .quality import compare
+from .strays import without_strays
 from .transforms import mirrors, transformed
 from .volume import Ids, VolumeMesh, carry_mid_nodes
 from .volume_quality import VolumeQuality, scaled_jacobians
@@ -171,7 +172,10 @@ def morph_volume(
     goal = _with_interior(aligned, result.vertices, at, kept, surface.mean_edge)
     progress(0.8, "volume: element shapes")
     laid_on = settings.projection == 1.0 and settings.partial == "none" and weights is None
-    index = SurfaceIndex(target) if laid_on else None
+    cleaned = clean(surface.vertices, surface.faces)
+    ours, theirs = without_strays(cleaned, clean(target.vertices, target.faces))
+    laid_on &= ours is cleaned  # what only goes along must not be laid on the target
+    index = SurfaceIndex(theirs.surface) if laid_on else None
     goal = reshaped(mesh, goal, kept, jacobian, index, part(progress, 0.8, 0.9))
     progress(0.9, "volume: no element inverted")
     nodes, held, held_by = kept_valid(aligned, goal, valid)
@@ -182,7 +186,7 @@ def morph_volume(
     progress(1.0, "done")
     return VolumeMorphResult(
         nodes=nodes,
-        surface=_as_it_ended(result, surface, target, nodes[at]),
+        surface=_as_it_ended(result, surface, (ours, theirs), nodes[at]),
         before=VolumeQuality.of(mesh, valid),
         after=VolumeQuality.of(final, valid),
         inverted_input=np.asarray(ids[~valid]),
@@ -204,11 +208,13 @@ def at_nodes(preview: Preview, nodes: Float, at: Int) -> Preview:
     return show
 
 
-def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertices: Float) -> MorphResult:
+def _as_it_ended(
+    result: MorphResult, surface: Surface, cleaned: tuple[Cleaned, Cleaned], vertices: Float
+) -> MorphResult:
     """Measure the surface again, where the elements have moved its nodes (n, 3) since it was morphed."""
     if np.array_equal(vertices, result.vertices):
         return result
-    ours, theirs = clean(surface.vertices, surface.faces), clean(target.vertices, target.faces)
+    ours, theirs = cleaned
     index = SurfaceIndex(theirs.surface)
     used = ours.vertex_map >= 0
     moved = np.empty_like(ours.surface.vertices)

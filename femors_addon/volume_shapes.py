@@ -27,7 +27,8 @@ class _Holder:
     def __init__(self, mesh: VolumeMesh, goal: Float, at: Int, target: SurfaceIndex | None) -> None:
         self._mesh, self._goal, self._at, self._target = mesh, goal, at, target
         if target is not None:
-            self._lines = FeatureLines.between(mesh.surface()[0], target.surface)
+            self._surface = mesh.surface()[0]
+            self._lines = FeatureLines.between(self._surface, target.surface)
 
     def __call__(self, nodes: Float, before: Float) -> Float:
         """Bring moved surface nodes (n, 3) back to where they may be; those not moved stay."""
@@ -38,7 +39,7 @@ class _Holder:
             moved = at[np.any(nodes[at] != before[at], axis=1)]
             if len(moved):
                 nodes[moved] = self._target.closest(nodes[moved]).point
-                rim, points = self._lines.onto(nodes[at])
+                rim, points = self._lines.onto(self._surface.moved(nodes[at]))
                 mine = np.isin(at[rim], moved)
                 nodes[at[rim[mine]]] = points[mine]
         return carry_mid_nodes(self._mesh, nodes)
