@@ -8,11 +8,13 @@ field, which takes it along with its neighbours.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from .grnn import DisplacementField
+from .limits import at_once
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import Progress, silent
@@ -54,24 +56,28 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
     Where one mesh is partial only its own nodes ask; matches to the open border of the searched
     mesh, which stands for all that is missing beyond, are left out.
     """
-    centres, vectors = [], []
-    if partial != "target":
+    whole = target.index.surface
+
+    def there() -> tuple[Float, Float]:
         found = target.index.closest(source.vertices, progress)
-        normals = interpolated_normals(target.index.surface, found.face, found.barycentric)
+        normals = interpolated_normals(whole, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", source.vertex_normals, normals) > FACING
-        kept &= ~at_border(target.index.surface, found.face, found.barycentric)
-        kept &= _sound(found.point - source.vertices, source.vertex_normals, normals, partial)
-        centres.append(source.vertices[kept])
-        vectors.append((found.point - source.vertices)[kept])
-    if partial != "source":
+        kept &= ~at_border(whole, found.face, found.barycentric)
+        vector = found.point - source.vertices
+        kept &= _sound(vector, source.vertex_normals, normals, partial)
+        return source.vertices[kept], vector[kept]
+
+    def back() -> tuple[Float, Float]:
         found = SurfaceIndex(source).closest(target.nodes, progress)
         normals = interpolated_normals(source, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", target.normals, normals) > FACING
         kept &= ~at_border(source, found.face, found.barycentric)
-        kept &= _sound(target.nodes - found.point, normals, target.normals, partial)
-        centres.append(found.point[kept])
-        vectors.append((target.nodes - found.point)[kept])
-    return Vectors(np.concatenate(centres), np.concatenate(vectors))
+        vector = target.nodes - found.point
+        kept &= _sound(vector, normals, target.normals, partial)
+        return found.point[kept], vector[kept]
+
+    source.vertex_normals, whole.vertex_normals  # noqa: B018  both ways ask for them: worked out once
+    return _both([there] * (partial != "target") + [back] * (partial != "source"))
 
 
 def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: str) -> Vectors:
@@ -82,19 +88,25 @@ def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: 
     """
     ours = np.hstack((source.vertices, normal_weight * source.vertex_normals))
     theirs = np.hstack((target.vertices, normal_weight * target.vertex_normals))
-    centres, vectors = [], []
-    if partial != "source":
+
+    def back() -> tuple[Float, Float]:
         hit = cKDTree(ours).query(theirs)[1]
         vector = target.vertices - source.vertices[hit]
         kept = _sound(vector, source.vertex_normals[hit], target.vertex_normals, partial)
-        centres.append(target.vertices[kept])
-        vectors.append(vector[kept])
-    if partial != "target":
+        return target.vertices[kept], vector[kept]
+
+    def there() -> tuple[Float, Float]:
         hit = cKDTree(theirs).query(ours)[1]
         vector = target.vertices[hit] - source.vertices
         kept = _sound(vector, source.vertex_normals, target.vertex_normals[hit], partial)
-        centres.append(source.vertices[kept])
-        vectors.append(vector[kept])
+        return source.vertices[kept], vector[kept]
+
+    return _both([back] * (partial != "source") + [there] * (partial != "target"))
+
+
+def _both(ways: list[Callable[[], tuple[Float, Float]]]) -> Vectors:
+    """The vectors of one way or two, one after the other."""
+    centres, vectors = zip(*at_once(*ways), strict=True)
     return Vectors(np.concatenate(centres), np.concatenate(vectors))
 
 

@@ -8,7 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from .progress import FemorsError
 
@@ -91,3 +91,8 @@ def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
             yield waiting.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def at_once(*jobs: Callable[[], Any]) -> list[Any]:
+    """Return what each job returns; none may need what another writes. See `in_threads`."""
+    return list(in_threads(lambda job: job(), jobs))

@@ -27,7 +27,7 @@ from .folds import Reference, bad_faces, unfolded
 from .grnn import DisplacementField
 from .icp import SAMPLE
 from .landmark_pairs import Pairs
-from .limits import require_memory
+from .limits import at_once, require_memory
 from .mend import mended
 from .mesh import Float, Surface
 from .morph_outcome import Outcome, result_of
@@ -98,9 +98,9 @@ def morph(
     nodes = len(source.vertices) + len(target.vertices)
     require_memory(MEMORY_LEAST + MEMORY_NODE * nodes, f"a morph with {nodes} nodes in both meshes")
     progress(0.0, "cleaning")
-    ours, theirs = (
-        clean(source.vertices, source.faces, "source"),
-        clean(target.vertices, target.faces, "target"),
+    ours, theirs = at_once(
+        lambda: clean(source.vertices, source.faces, "source"),
+        lambda: clean(target.vertices, target.faces, "target"),
     )
     ours, theirs = without_strays(ours, theirs)
     factor = None if settings.fix_units else unit_factor(ours.surface, theirs.surface, settings.partial)
@@ -200,7 +200,13 @@ class _Work:
         pairs: Pairs | None,
         progress: Progress,
     ) -> _Work:
-        levels, targets = _levels(source, target, settings, progress)
+        progress(0.0, "reduced meshes")
+        counts = _counts(source, target, settings)
+        levels, targets, index = at_once(
+            lambda: _reduced_upright(source, counts[0]),
+            lambda: pyramid(target, counts[1]),
+            lambda: SurfaceIndex(target),
+        )
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
         options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}
         options |= {"progress": part(progress, 0.05, 0.25)}
@@ -214,24 +220,23 @@ class _Work:
             moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
             rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
         weight = settings.landmark_weight if settings.steer else 0.0
-        index, size = SurfaceIndex(target), target.diagonal
         places = moved, [*targets, target]
-        return cls(alignment, rest, Reference(moved[-1]), index, *places, size, pairs, weight)
+        return cls(alignment, rest, Reference(moved[-1]), index, *places, target.diagonal, pairs, weight)
 
 
-def _levels(
-    source: Surface, target: Surface, settings: MorphSettings, progress: Progress
-) -> tuple[list[Surface], list[Surface]]:
-    """Reduced meshes of both, from the coarsest on."""
-    progress(0.0, "reduced meshes")
+def _counts(source: Surface, target: Surface, settings: MorphSettings) -> list[list[int]]:
+    """Node counts of the reduced meshes of both, from the coarsest on."""
     counts = [node_counts(settings, len(mesh.vertices)) for mesh in (source, target)]
     if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
         counts[1] = counts[0]
-    # reduced in its own frame: from whatever pose it came, the same edges collapse
+    return counts
+
+
+def _reduced_upright(source: Surface, counts: list[int]) -> list[Surface]:
+    """Reduced meshes, made in the mesh's own frame: from whatever pose it came, the same edges collapse."""
     own = canonical_frame(source.vertices)
     upright, back = source.moved(transformed(own, source.vertices)), inverse(own)
-    levels = [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts[0])]
-    return levels, pyramid(target, counts[1])
+    return [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts)]
 
 
 def _samples(levels: list[Surface], targets: list[Surface]) -> tuple[Surface, Surface] | None:

@@ -16,6 +16,7 @@ from .cleaning import Cleaned
 from .folds import Reference
 from .grnn import DisplacementField
 from .keptfield import KeptField
+from .limits import at_once
 from .mesh import Float, Surface
 from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
@@ -132,8 +133,9 @@ def result_of(
     vertices = outcome.vertices(given.vertices)
     progress(0.2, "measuring")
     distance = outcome.distances(vertices)
-    back = SurfaceIndex(morphed).closest(target.vertices)
-    before, after = _compared(outcome, back, progress)
+    back, before = at_once(lambda: SurfaceIndex(morphed).closest(target.vertices), lambda: _before(outcome))
+    progress(0.6, "measuring")
+    after = _after(outcome, back, before)
     edge = max(outcome.aligned.mean_edge, target.mean_edge)
     converged, reason = _verdict(after, settings, target.diagonal, edge, weighted)
     progress(1.0, "done")
@@ -156,28 +158,30 @@ def result_of(
     )
 
 
-def _compared(outcome: Outcome, back: Closest, progress: Progress) -> tuple[Comparison, Comparison]:
-    """Compare the aligned source and the morphed one with the target."""
-    source, target = outcome.source.surface, outcome.target.surface
-    before = compare(
-        source,
+def _before(outcome: Outcome) -> Comparison:
+    """Compare the aligned source with the target."""
+    return compare(
+        outcome.source.surface,
         outcome.aligned,
-        target,
+        outcome.target.surface,
         target_index=outcome.index,
         self_intersecting=len(outcome.reference.crossing),
     )
-    progress(0.6, "measuring")
-    after = compare(
+
+
+def _after(outcome: Outcome, back: Closest, before: Comparison) -> Comparison:
+    """Compare the morphed source with the target; `back` are the target's nodes on it."""
+    source = outcome.source.surface
+    return compare(
         source,
         source.moved(outcome.morphed.vertices),
-        target,
+        outcome.target.surface,
         target_index=outcome.index,
         to_target=outcome.to_target,
         from_target=back.distance,
         # nothing bad is left in a source without crossings: that has been looked at
         self_intersecting=0 if not outcome.bad and not before.self_intersecting else None,
     )
-    return before, after
 
 
 def _warnings(settings: MorphSettings, size: float, bad: int) -> list[str]:
