@@ -30,14 +30,11 @@ demo: setup ## two bones of its own making, morphed through the real operator: .
 
 docs: setup $(DOCS_VENV)/.made ## the manual, into docs_output/: open docs_output/index.html
 	@OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m docs.make
-	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/python -m mkdocs build --strict --quiet
 	@echo "docs_output/index.html"
 
-$(DOCS_VENV)/.made: requirements/docs.txt | setup
-	@echo "installing requirements/docs.txt into $(@D)"
-	@$(VENV)/bin/python -m venv --clear "$(@D)"
-	@"$(@D)/bin/python" -m pip install --quiet --disable-pip-version-check --no-input -r requirements/docs.txt
-	@touch $@
+$(DOCS_VENV)/.made: | setup
+	@requirements/make_tools.sh "$(@D)" requirements/docs.txt $(VENV)/bin/python
 
 test: setup ## core tests, Blender tests on the bpy wheel, and in a real blender and its window where there is one
 	@tests/run_all.sh

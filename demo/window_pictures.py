@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-SIZE = (900, 680)
+SIZE = (900, 880)
 Steps = Iterator[None]
 PANELS: list[Any] = []
 STANDING: list[Any] = []
@@ -176,8 +176,21 @@ def bones(bpy: Any) -> Steps:
     names = [item.name for item in bpy.data.objects if item.type == "EMPTY"]
     sites = ["gluteus", "iliopsoas"]
     call(bpy, bpy.ops.femors.transfer, what="OBJECTS", objects=";".join([*names, *sites]))
+    apart(bpy)
+    bpy.context.scene.femors_transfer.mark = 2
     unfolded(bpy, "FEMORS_PT_transfer")
     yield from shot(bpy, "transfer", "FRONT")
+
+
+def apart(bpy: Any) -> None:
+    """Put what was carried beside the source, unselected, with one set of names, for the eye only."""
+    for item in bpy.data.objects:
+        item.select_set(False)
+        if "carried" in item.name or item.name == "femur morphed to scan":
+            item.location.x += 60.0
+            item.show_name = False
+        if item.name in ("notch", "epicondyle_medial"):
+            item.show_name = False  # one would be written over the other
 
 
 def knee(bpy: Any) -> Steps:
@@ -196,6 +209,8 @@ def knee(bpy: Any) -> Steps:
     only(bpy, *names)
     call(bpy, bpy.ops.femors.take_bodies)
     call(bpy, bpy.ops.femors.check_overclosure)
+    bpy.context.scene.femors_overclosure.pair_index = 0
+    yield from pause(0.5)
     unfolded(bpy, "FEMORS_PT_overclosure")
     yield from shot(bpy, "overclosure")
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triples
+from .cleaning import clean
 from .cutouts import normals_at
-from .mesh import Float, Int, Surface, clean
+from .mesh import Float, Int, Surface
 from .nearest import Closest
 from .progress import FemorsError, Progress, silent
 from .volume import VolumeMesh, carry_mid_nodes

@@ -14,8 +14,6 @@ from .intersect import crossings, self_intersections
 from .mesh import Float, Int, Surface
 
 MISSING = "shared volumes and XOR are not computed: the Python package manifold3d is not installed"
-
-
 ROUNDING = 1e-6  # of a volume: what arithmetic may leave
 PATCH = 0.5  # of the faces: where more matter, whole surfaces are compared
 DEEP = 0.5  # of a patch's diagonal: how far below it the cone ends that closes it

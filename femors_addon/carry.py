@@ -15,19 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from .align import inverse, transformed
 from .frames import SmoothMap, principal_stretches, ramp
 from .keptfield import KeptField
 from .limits import require_nodes
 from .mesh import Float, Int, Surface
 from .nearest import Closest, SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
+from .transforms import inverse, transformed
 
 SHARE = 0.5  # of a point's distance: the spread of the map there
 FADE = (0.15, 0.5)  # of the source's size: distances between which the deformation fades out
 MENDED = 2.0  # mean edges: how far from the surface the map is made to agree with the triangles
 MEMORY_LEAST, MEMORY_NODE = 40e6, 3.5e3  # bytes: what a transfer was measured to take, and per node of all
 ROUNDS = 12  # of the inverse's correction
+EXACT = 1e-9  # of the size: an error of the inverse that is corrected no further
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -102,24 +103,22 @@ class Carrier:
         points = _checked(points, strength)
         self.require(len(points))
         here, distance = self.back(points, part(progress, 0.0, 0.2))
-        best, error = here, np.full(len(points), np.inf)
-        open_rows = np.arange(len(points))
+        best, error = here.copy(), np.full(len(points), np.inf)
+        rows = np.arange(len(points))  # of those that are not there yet
         for number in range(ROUNDS):
             step = part(progress, 0.2 + 0.8 * number / ROUNDS, 0.2 + 0.8 * (number + 1) / ROUNDS)
-            there, _ = self.forth(here[open_rows], step)
-            miss = points[open_rows] - there
+            there, _ = self.forth(here[rows], step)
+            miss = points[rows] - there
             length = np.linalg.norm(miss, axis=1)
-            better = length < error[open_rows]
-            if number == 0:
-                best = here.copy()
-            rows = open_rows[better]
-            best[rows], error[rows] = here[rows], length[better]
-            open_rows, miss = rows[length[better] > 1e-9 * self.size], miss[better]
-            miss = miss[length[better] > 1e-9 * self.size]
-            if not len(open_rows):
+            better = length < error[rows]
+            rows, miss, length = rows[better], miss[better], length[better]
+            best[rows], error[rows] = here[rows], length
+            still = length > EXACT * self.size
+            rows, miss = rows[still], miss[still]
+            if not len(rows):
                 break
             here = best.copy()
-            here[open_rows] += miss  # the deformation after the alignment is near the identity
+            here[rows] += miss  # the deformation after the alignment is near the identity
         source = transformed(self._home, best)
         return Carried(_blend(points, source, strength), distance, error)
 

@@ -9,13 +9,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from . import deckfiles, files
-from .align import transformed
 from .commandline import Console, check_paths
 from .deck import Deck, Part
 from .files import Location
 from .mesh import Float, Surface
 from .meshfiles import MeshFile
 from .progress import FemorsError
+from .transforms import transformed
 
 KINDS = (
     "STL, PLY, OBJ; Abaqus .inp, FEBio .feb, Nastran .bdf; VTK surfaces; "
@@ -26,7 +26,8 @@ KINDS = (
 def options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``femors convert``."""
     parser.add_argument("source", metavar="IN", help=KINDS)
-    parser.add_argument("out", metavar="OUT", help="any of these; the ending says which")
+    parser.add_argument("place", metavar="OUT", nargs="?", help=argparse.SUPPRESS)
+    parser.add_argument("-o", "--out", metavar="OUT", help="any of these; the ending says which")
     parser.add_argument(
         "--part",
         metavar="NAME",
@@ -36,6 +37,11 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Convert IN to OUT and say what is lost on the way."""
+    if (args.out is None) == (args.place is None):  # OUT may also stand right behind IN, without -o
+        args.parser.error(
+            "-o OUT is needed" if args.out is None else f"two outputs: {args.place}, {args.out}"
+        )
+    args.out = args.out or args.place
     deckfiles.suffix_of(args.out)
     check_paths([args.source], [args.out])
     files.check_writable(args.out)

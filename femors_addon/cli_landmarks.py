@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 
 from . import cli_convert, deckfiles, files, landmarkfiles, landmarks
 from .carry import Carrier
+from .cleaning import clean
 from .cli_transfer import MARKS, REPORT, TABLE, table_of, write_all
 from .commandline import Console, add_settings, check_paths, settings_of
 from .landmarkfiles import Landmarks
-from .mesh import Surface, clean
+from .mesh import Surface
 from .morph import morph
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex

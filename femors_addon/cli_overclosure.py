@@ -4,20 +4,15 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from . import cli_convert, deckfiles, files
-from .align import inverse, transformed
+from . import cli_bodies, cli_convert, deckfiles, files
 from .bodies import Body
 from .commandline import Console, add_settings, check_paths, settings_of
-from .deck import Deck, Part
-from .mesh import Float, Int, Surface
+from .deck import Deck
 from .meshfiles import MeshFile
 from .overclosure import OverclosureResult, check_overclosure, remove_overclosure
 from .overclosure_settings import OverclosureSettings
@@ -25,7 +20,6 @@ from .progress import FemorsError
 from .report_files import HELP, check_ending, report_bytes
 from .report_html import Section
 from .report_overclosure import overclosure_figures
-from .volume import VolumeMesh
 
 DONE, IMPERFECT = 0, 1
 
@@ -40,42 +34,6 @@ EXIT_CODES = """exit codes:
 A deck of several parts (or solid element sets) gives one body for each, named STEM:PART, and comes
 back as one deck; any other file gives one body, named as the file without its ending.
 """
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Source:
-    """A file, and the bodies in it.
-
-    Attributes
-    ----------
-    path : str
-    thing : Deck or MeshFile
-    bodies : tuple of Body
-        Where an assembly places parts, they are in its frame.
-    nodes : tuple of (k,) int32 or None
-        For each body the deck's nodes that are its own; None for a surface mesh.
-    frames : tuple of (4, 4) float64
-        From the part's own coordinates to the frame of all bodies.
-    """
-
-    path: str
-    thing: Deck | MeshFile
-    bodies: tuple[Body, ...]
-    nodes: tuple[Int | None, ...]
-    frames: tuple[Float, ...]
-
-    def moved(self, nodes: Mapping[str, Float]) -> Deck | MeshFile:
-        """Return the file's content with the bodies' nodes (by name) where they are now."""
-        if isinstance(self.thing, MeshFile):
-            return self.thing.with_vertices(nodes[self.bodies[0].name])
-        coordinates = np.array(self.thing.coordinates)
-        for body, mine, frame in zip(self.bodies, self.nodes, self.frames, strict=True):
-            assert mine is not None
-            after = nodes[body.name]
-            moved = (after != body.nodes).any(axis=1)
-            home = after if np.array_equal(frame, np.eye(4)) else transformed(inverse(frame), after)
-            coordinates[mine[moved]] = home[moved]
-        return self.thing.with_coordinates(coordinates)
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -126,17 +84,10 @@ def run(args: argparse.Namespace, console: Console, version: str) -> int:
     if args.out is None and not args.check:
         raise FemorsError("-o OUTDIR is needed, or --check (see 'femors overclosure --help')")
     outputs = _output_paths(args)
-    sources = [_read(path) for path in args.sources]
-    bodies = _with_shares([body for source in sources for body in source.bodies], args)
+    sources = [cli_bodies.read(path) for path in args.sources]
+    bodies = cli_bodies.with_shares([body for source in sources for body in source.bodies], args)
     names = [body.name for body in bodies]
-    exclude = [_pair(text, "--exclude", names) for text in args.exclude]
-    gaps = {}
-    for text in args.pair_gap:
-        pair, value = _split(text, "--pair-gap", "A,B=G")
-        one, two = _pair(pair, "--pair-gap", names)
-        if (one, two) in exclude or (two, one) in exclude:
-            raise FemorsError(f"--pair-gap {text}: the pair is excluded; give it one or the other")
-        gaps[one, two] = _number(value, "--pair-gap", text)
+    exclude, gaps = cli_bodies.pairs_asked(args, names)
     if args.check:
         return _check(args, console, version, bodies, settings, exclude, gaps)
     result = remove_overclosure(bodies, settings, console.progress, exclude=exclude, gaps=gaps)
@@ -181,7 +132,7 @@ def _write(
     args: argparse.Namespace,
     console: Console,
     version: str,
-    sources: list[Source],
+    sources: list[cli_bodies.Source],
     outputs: list[Path],
     bodies: list[Body],
     exclude: list[tuple[str, str]],
@@ -262,115 +213,8 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
     return paths
 
 
-def _inputs(sources: list[Source]) -> list[Path]:
+def _inputs(sources: list[cli_bodies.Source]) -> list[Path]:
     found = [
         source.thing.inputs if isinstance(source.thing, Deck) else [Path(source.path)] for source in sources
     ]
     return [path for paths in found for path in paths]
-
-
-def _read(path: str) -> Source:
-    """Read a file and take it apart into bodies."""
-    thing, stem = deckfiles.read(path), Path(path).stem
-    if isinstance(thing, MeshFile):
-        return Source(path, thing, (_body(path, stem, thing.surface()),), (None,), (np.eye(4),))
-    parts = _separate(thing)
-    if not parts:
-        raise FemorsError(f"{path}: has no elements with a surface (solids or shells)")
-    bodies, nodes, frames = [], [], []
-    for part in parts:
-        mesh, mine = thing.submesh(part)
-        frame = _placed(thing, part)
-        if not np.array_equal(frame, np.eye(4)):
-            mesh = mesh.moved(transformed(frame, mesh.nodes))
-        bodies.append(_body(path, stem if len(parts) == 1 else f"{stem}:{part.name}", mesh))
-        nodes.append(mine)
-        frames.append(frame)
-    return Source(path, thing, tuple(bodies), tuple(nodes), tuple(frames))
-
-
-def _placed(deck: Deck, part: Part) -> Float:
-    """Return where an assembly has a part; refuse one that it has in several places."""
-    if part.name not in deck.parts:
-        return np.eye(4)
-    try:
-        return deck.placement(part.name, part)
-    except FemorsError:
-        raise FemorsError(
-            f"{deck.path}: the assembly has '{part.name}' in several places; a body needs a part of its own"
-        ) from None
-
-
-def _separate(deck: Deck) -> list[Part]:
-    """Return the parts of a deck that have a surface; those that share nodes are one body."""
-    found: list[Part] = []
-    for part in deck.parts.values():
-        mesh, mine = deck.submesh(part)
-        if not len(mesh.boundary.sizes):
-            continue
-        touching = [other for other in found if np.intersect1d(other.nodes, mine).size]
-        joined = Part(part.name, mine, part.elements)
-        for other in touching:
-            found.remove(other)
-            elements = np.union1d(other.elements, joined.elements).astype(np.int32)
-            both = np.union1d(other.nodes, joined.nodes).astype(np.int32)
-            joined = Part(f"{other.name}+{joined.name}", both, elements)
-        found.append(joined)
-    return found
-
-
-def _body(path: str, name: str, mesh: Surface | VolumeMesh) -> Body:
-    try:
-        return Body(name, mesh)
-    except FemorsError as error:
-        raise FemorsError(f"{path}: {error}") from None
-
-
-def _with_shares(bodies: list[Body], args: argparse.Namespace) -> list[Body]:
-    """Return the bodies with the shares that the command line gives them."""
-    names = [body.name for body in bodies]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise FemorsError(f"two bodies are named '{twice}'; give the files different names")
-    given: dict[str, float] = {}
-    for name in args.rigid:
-        _known(name, names, "--rigid")
-        given[name] = 0.0
-    for text in args.share:
-        name, value = _split(text, "--share", "NAME=S")
-        _known(name, names, "--share")
-        if name in given:
-            raise FemorsError(f"--share {text}: '{name}' has a share or is rigid already")
-        given[name] = _number(value, "--share", text)
-    return [dataclasses.replace(body, share=given.get(body.name)) for body in bodies]
-
-
-def _known(name: str, names: list[str], option: str) -> None:
-    if name not in names:
-        raise FemorsError(f"{option} {name}: there is no such body; there are {', '.join(names)}")
-
-
-def _split(text: str, option: str, form: str) -> tuple[str, str]:
-    name, equals, value = text.rpartition("=")
-    if not equals or not name:
-        raise FemorsError(f"{option} {text}: {form} is needed")
-    return name, value
-
-
-def _pair(text: str, option: str, names: list[str]) -> tuple[str, str]:
-    """Split a pair at the comma that leaves two known names, for names may have commas too."""
-    cuts = [number for number, letter in enumerate(text) if letter == ","]
-    for cut in cuts:
-        if text[:cut] in names and text[cut + 1 :] in names:
-            return text[:cut], text[cut + 1 :]
-    if len(cuts) == 1 and all(text.split(",")):
-        unknown = next(name for name in text.split(",") if name not in names)
-        raise FemorsError(f"{option} {text}: there is no body '{unknown}'; there are {', '.join(names)}")
-    raise FemorsError(f"{option} {text}: two names with a comma between them are needed")
-
-
-def _number(value: str, option: str, text: str) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        raise FemorsError(f"{option} {text}: '{value}' is not a number") from None

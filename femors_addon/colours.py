@@ -90,6 +90,12 @@ def linear(colours: ArrayLike) -> Float:
     return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
+def from_linear(values: Float) -> Float:
+    """Return sRGB values of linear ones (IEC 61966-2-1): the way back from `linear`."""
+    curved = 1.055 * np.maximum(values, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.asarray(np.where(values <= 0.0031308, 12.92 * values, curved))
+
+
 def lab(colours: ArrayLike) -> Float:
     """Return CIELAB coordinates (n, 3) of sRGB colours (n, 3)."""
     xyz = linear(colours) @ TO_XYZ.T / WHITE
@@ -104,9 +110,7 @@ def srgb(coordinates: Float) -> Float:
     y = (light + 16) / 116
     root = np.column_stack((y + a / 500, y, y - b / 200))
     xyz = np.where(root > 6 / 29, root**3, 3 * (6 / 29) ** 2 * (root - 4 / 29)) * WHITE
-    value = xyz @ np.linalg.inv(TO_XYZ).T
-    curved = 1.055 * np.maximum(value, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.asarray(np.where(value <= 0.0031308, 12.92 * value, curved))
+    return from_linear(xyz @ np.linalg.inv(TO_XYZ).T)
 
 
 def _path(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import difflib
 import io
 import os
 import shutil
@@ -13,7 +14,7 @@ import sys
 import time
 import traceback
 import typing
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NoReturn, TextIO, TypeVar
 
 from .files import Location
@@ -24,11 +25,51 @@ Settings = TypeVar("Settings")
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose usage errors are `FemorsError`: one line, and no exit of the process."""
+    """An argument parser whose usage errors are `FemorsError`: one line, and no exit of the process.
+
+    An option or a command that is not there is answered with the one that was probably meant.
+    """
+
+    _given: Sequence[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, and remember what was given, for what is said of it."""
+        self._given = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(self._given, namespace)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            names = list(action.choices)
+            meant = like(str(value), names) or f"choose from {', '.join(names)}"
+            raise argparse.ArgumentError(action, f"invalid choice: '{value}'; {meant}")
 
     def error(self, message: str) -> NoReturn:
-        """Raise the usage error."""
+        """Raise the usage error; a misspelt option comes first, for others may follow from it."""
+        known = [name for name in self._option_string_actions if name.startswith("--")]
+        for name in self._unknown():
+            if meant := like(name, known):
+                message = f"unrecognized arguments: {name}; {meant}"
+                break
         raise FemorsError(f"{message} (see '{self.prog} --help')")
+
+    def _unknown(self) -> list[str]:
+        """Return what was given as a long option, with one dash or two, and is none of this parser."""
+        found = []
+        for text in self._given:
+            name = text.partition("=")[0]
+            if self._subparsers is not None and not name.startswith("-"):
+                break  # what follows is the command's
+            known = self._option_string_actions
+            short = f"-{name}" in known  # -out for --out
+            if len(name) > 2 and (short or (name.startswith("--") and name not in known)):
+                found.append(name)
+        return found
+
+
+def like(name: str, known: Iterable[str]) -> str:
+    """Return the question "did you mean ...?" with what is most like a name, or ""."""
+    near = difflib.get_close_matches(name.lower(), list(known), n=1)
+    return f"did you mean {near[0]}?" if near else ""
 
 
 def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[str, str]) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .files import Location, replacing
 from .mesh import Float, Int
-from .progress import FemorsError
+from .progress import FemorsError, listed
 from .volume import Block, VolumeMesh
 
 Load = Callable[[Path], bytes]
@@ -53,6 +53,24 @@ class Template(Protocol):
     def inputs(self) -> list[Path]:
         """Return the files that were read, the deck itself first."""
         ...
+
+
+class OneFile:
+    """What the templates of formats without includes have in common: a single file, `path`."""
+
+    path: Path
+
+    def encoded(self, nodes: Float) -> bytes:
+        """Return the file's bytes for nodes (n, 3)."""
+        raise NotImplementedError
+
+    def inputs(self) -> list[Path]:
+        """Return the file that was read."""
+        return [self.path]
+
+    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
+        """Return the file by its path."""
+        return {path: self.encoded(nodes)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -133,7 +151,7 @@ class Deck:
             if not self.parts:
                 raise FemorsError(f"{self.path}: has no elements with a surface (solids or shells)")
             raise FemorsError(
-                f"{self.path}: has {len(self.parts)} parts ({listed(self.parts)}); "
+                f"{self.path}: has {len(self.parts)} parts ({quoted(self.parts)}); "
                 f"choose one with --part, or '{ALL}'"
             )
         for instance in self.instances:
@@ -156,7 +174,7 @@ class Deck:
         named = [instance for instance in mine if name is not None and instance.name.upper() == name.upper()]
         chosen = named or mine
         if len(chosen) > 1 and any(not np.array_equal(one.matrix, chosen[0].matrix) for one in chosen):
-            places = listed({instance.name: None for instance in chosen})
+            places = quoted(dict.fromkeys(instance.name for instance in chosen))
             raise FemorsError(
                 f"{self.path}: '{part.name}' stands in {len(chosen)} places ({places}); "
                 "choose one of these instances with --part"
@@ -180,8 +198,8 @@ class Deck:
         if name.lower() == ALL and self.parts:
             return self._elements(ALL, np.arange(mesh.element_count))
         raise FemorsError(
-            f"{self.path}: has no part or set '{name}'; it has the parts {listed(self.parts)}"
-            + (f" and the element sets {listed(mesh.element_sets)}" if mesh.element_sets else "")
+            f"{self.path}: has no part or set '{name}'; it has the parts {quoted(self.parts)}"
+            + (f" and the element sets {quoted(mesh.element_sets)}" if mesh.element_sets else "")
         )
 
     def _elements(self, name: str, elements: Int) -> Part:
@@ -203,16 +221,15 @@ def by_part(mesh: VolumeMesh, parts: Mapping[str, Int]) -> Iterator[tuple[str, B
         mine[elements] = True
         mine &= left
         left &= ~mine
-        for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+        for block, start in mesh.with_starts():
             chosen = mine[start : start + len(block)]
             if chosen.any():
                 yield name, block, chosen
 
 
-def listed(names: Mapping[str, object], most: int = 6) -> str:
-    """Return some names for a message."""
-    quoted = [f"'{name}'" for name in list(names)[:most]]
-    return ", ".join(quoted) + (", ..." if len(names) > most else "")
+def quoted(names: Iterable[str]) -> str:
+    """Return names in quotation marks, for a message."""
+    return listed(f"'{name}'" for name in names)
 
 
 def write_all(outputs: Mapping[Path, bytes]) -> None:

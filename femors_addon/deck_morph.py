@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import morph as surfaces
-from .align import transformed
 from .deck import ALL, Deck, Part
 from .mesh import Float, Surface
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .progress import FemorsError, Preview, Progress, silent
+from .transforms import transformed
 from .volume import carry_mid_nodes
 from .volume_morph import VolumeMorphResult, at_nodes, morph_volume
 from .volume_quality import scaled_jacobians

@@ -132,10 +132,9 @@ def written(thing: Deck | MeshFile, path: Location, part: Part | None = None) ->
         return Written({path: _fresh(mesh, {}, path)}, merged)
     if part is None and same_format(thing.path, path):
         return Written(thing.outputs(path))
-    known = isinstance(thing.template, meshio_files.Template)
-    if part is None and {thing.suffix, suffix} == {".vtk", ".vtu"} and known:
-        assert isinstance(thing.template, meshio_files.Template)
-        return Written({path: thing.template.converted(thing.coordinates, suffix)})
+    template, vtk = thing.template, {thing.suffix, suffix} == {".vtk", ".vtu"}
+    if part is None and vtk and isinstance(template, meshio_files.Template):
+        return Written({path: template.converted(thing.coordinates, suffix)})
     mesh = thing.mesh if part is None else thing.submesh(part)[0]
     names = {part.name: np.arange(mesh.element_count)} if part is not None else _part_sets(thing)
     lost = [
@@ -220,9 +219,8 @@ def unique_ids(mesh: VolumeMesh) -> tuple[VolumeMesh, bool]:
     """
     if all(len(np.unique(ids)) == len(ids) for ids in (mesh.node_ids, mesh.element_ids)):
         return mesh, False
-    starts = mesh.starts[:-1].tolist()
     blocks = [
         dataclasses.replace(block, ids=np.arange(start + 1, start + len(block) + 1))
-        for block, start in zip(mesh.blocks, starts, strict=True)
+        for block, start in mesh.with_starts()
     ]
     return dataclasses.replace(mesh, blocks=tuple(blocks), node_ids=np.arange(1, len(mesh.nodes) + 1)), True

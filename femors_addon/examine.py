@@ -7,11 +7,11 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csgraph
 
+from .cleaning import Cleaned, clean
 from .intersect import piercings, self_intersections
 from .limits import require_nodes
-from .mesh import Cleaned, Int, Surface, clean, edge_matrix
+from .mesh import Int, Surface
 from .nearest import SurfaceIndex
 from .overlap import Overlap, overlap
 from .progress import FemorsError, Progress, part, silent
@@ -72,7 +72,9 @@ class Examination:
     Attributes
     ----------
     vertices, faces, pieces, open_edges : int
-        Faces are triangles; pieces are connected by edges.
+        Vertices are merged where they stand twice; faces are triangles; pieces are connected by edges.
+    given_vertices : int
+        As they stand in the file: every triangle of an STL brings three.
     size : float
         Diagonal of the bounding box.
     area : float
@@ -90,6 +92,7 @@ class Examination:
     """
 
     vertices: int
+    given_vertices: int
     faces: int
     pieces: int
     open_edges: int
@@ -127,6 +130,7 @@ class Examination:
         out: dict[str, Any] = {
             "mesh": {
                 "vertices": self.vertices,
+                "given_vertices": self.given_vertices,
                 "faces": self.faces,
                 "pieces": self.pieces,
                 "open_edges": self.open_edges,
@@ -149,8 +153,10 @@ class Examination:
     def summary(self) -> str:
         """Return the figures for a person: median [1st, 99th percentile] and maximum."""
         volume = "open" if self.volume is None else f"{self.volume:.6g}"
+        merged = self.given_vertices > self.vertices
         rows = [
             ("vertices, faces, pieces", f"{self.vertices}, {self.faces}, {self.pieces}"),
+            *([("vertices before merging", str(self.given_vertices))] if merged else []),
             ("open edges", str(self.open_edges)),
             ("area, volume", f"{self.area:.6g}, {volume}"),
             *((name.replace("_", " "), str(getattr(self, name))) for name in ("edge", "aspect", "skewness")),
@@ -220,19 +226,17 @@ def examine(
     crossing = np.unique(self_intersections(mesh))
     progress(0.35, "shapes of faces")
     aspect = aspect_ratio(mesh)
-    pairs, _ = mesh.edge_faces
-    pieces, _ = csgraph.connected_components(edge_matrix(pairs, len(mesh.faces)), directed=False)
     a, b = (mesh.vertices[mesh.edges[:, k]] for k in (0, 1))
-    open_edges = len(mesh.edges) - len(pairs)
     against = None
     if other is not None:
         against = _against(surface, ours, other, part(progress, 0.4, 1.0))
     progress(1.0, "done")
     return Examination(
-        vertices=len(surface.vertices),
+        vertices=len(mesh.vertices),
+        given_vertices=len(surface.vertices),
         faces=len(surface.faces),
-        pieces=int(pieces),
-        open_edges=open_edges,
+        pieces=int(mesh.components.max()) + 1,
+        open_edges=len(mesh.edges) - len(mesh.edge_faces[0]),
         size=mesh.diagonal,
         area=float(mesh.face_areas.sum()),
         volume=None if mesh.border.any() else float(mesh.volume),

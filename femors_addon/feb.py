@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .deck import Deck, Load, Part, by_part
+from .deck import Deck, Load, OneFile, Part, by_part
 from .elements import febio_kind
 from .feb_events import Group, Row, line_of, mesh_groups
+from .fields import spliced
 from .files import read_bytes, shown
 from .ids import Lookup
 from .inp_table import parsed
@@ -32,7 +33,7 @@ _FLOAT = re.compile(rb"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """An FEBio file, and where the coordinates (n, 3) of its nodes start and end in it, (n, 2)."""
 
     path: Path
@@ -40,14 +41,13 @@ class Template:
     spans: NDArray[np.int64]
     nodes: Float
 
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
-
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes with other coordinates."""
+        return spliced(self.data, self._texts(nodes))
+
+    def _texts(self, nodes: Float) -> Iterator[tuple[int, int, bytes]]:
+        """Where the coordinates of each node that moved start and end, and what they are to be."""
         moved = np.flatnonzero((nodes != self.nodes).any(axis=1))
-        out, done = bytearray(), 0
         for index in moved[np.argsort(self.spans[moved, 0])].tolist():
             start, stop = self.spans[index].tolist()
             fields = self.data[start:stop].split(b",")
@@ -55,17 +55,7 @@ class Template:
                 if nodes[index, axis] != self.nodes[index, axis]:
                     text = fields[axis].strip()
                     fields[axis] = fields[axis].replace(text, repr(float(nodes[index, axis])).encode(), 1)
-            out += self.data[done:start]
-            out += b",".join(fields)
-            done = stop
-        if not done:
-            return self.data
-        out += self.data[done:]
-        return bytes(out)
-
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
+            yield start, stop, b",".join(fields)
 
 
 def read(path: Path, load: Load = read_bytes) -> Deck:

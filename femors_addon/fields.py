@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers as text in the few characters that finite-element programs read."""
+"""Fields of text in decks: numbers in the few characters that programs read, and how they are replaced."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
-ABAQUS, NASTRAN = (
-    20,
-    16,
-)  # Abaqus and CalculiX read this many characters of a number, Nastran's fields have 16
+ABAQUS = 20  # characters of a number that Abaqus and CalculiX read
+NASTRAN = 16  # characters of a large field
 
 
 def number(value: float, width: int = ABAQUS) -> str:
@@ -36,6 +35,19 @@ def number(value: float, width: int = ABAQUS) -> str:
     fitting = [text for text in tries if len(text) <= width and "." in text]
     # the nearest, and of equals the shortest
     return min(fitting, key=lambda text: (abs(float(text) - value), len(text)))
+
+
+def spliced(data: bytes, pieces: Iterable[tuple[int, int, bytes]]) -> bytes:
+    """Return bytes with other ones from each start to its stop; pieces ascend and do not overlap."""
+    out, done = bytearray(), 0
+    for start, stop, new in pieces:
+        out += data[done:start]
+        out += new
+        done = stop
+    if not done:
+        return data
+    out += data[done:]
+    return bytes(out)
 
 
 def _bare(text: str) -> str:

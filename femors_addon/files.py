@@ -7,7 +7,7 @@ import contextlib
 import os
 import stat
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -159,13 +159,31 @@ def _int64(token: bytes) -> int:
     return value
 
 
-def _first_bad(tokens: Sequence[bytes], kind: type | object) -> BadNumber:
+def _first_bad(tokens: Sequence[bytes], kind: Callable[[bytes], float]) -> BadNumber:
     for index, token in enumerate(tokens):
         try:
-            kind(token)  # type: ignore[operator]
+            kind(token)
         except ValueError:
             return BadNumber(index, token)
     raise AssertionError("every token is a number")
+
+
+def require_finite(positions: NDArray[np.float64], things: str, called: Callable[[int], str]) -> None:
+    """Raise `FemorsError` where positions (n, 3) are not finite numbers.
+
+    Parameters
+    ----------
+    things : str
+        What has the positions: "vertices", "nodes".
+    called : callable
+        From the number of one, counted from 0, to what its file calls it.
+    """
+    bad = ~np.isfinite(positions).all(axis=1)
+    if bad.any():
+        raise FemorsError(
+            f"{int(bad.sum())} of {len(bad)} {things} have coordinates that are not finite numbers "
+            f"(first: {called(int(np.argmax(bad)))})"
+        )
 
 
 def shown(text: bytes, length: int = 30) -> str:

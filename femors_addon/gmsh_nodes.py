@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .fields import spliced
 from .mesh import Float
 from .volume_faces import Ids
 
@@ -48,7 +50,10 @@ class NodePlaces:
             out = np.frombuffer(data, np.uint8).copy()
             out[self.spans[:, :1] + np.arange(24)] = nodes.astype("<f8").view(np.uint8).reshape(-1, 24)
             return out.tobytes()
-        parts, done = bytearray(), 0
+        return spliced(data, self._rows(data, nodes))
+
+    def _rows(self, data: bytes, nodes: Float) -> Iterator[tuple[int, int, bytes]]:
+        """Where the coordinates of each node that moved start and end, and what they are to be."""
         for index in np.flatnonzero((nodes != self.positions).any(axis=1)).tolist():
             start, stop = self.spans[index].tolist()
             match = _ROW.fullmatch(data, start, stop)
@@ -59,10 +64,7 @@ class NodePlaces:
                     (2, 4, 6), nodes[index].tolist(), self.positions[index].tolist(), strict=True
                 )
             ]
-            parts += data[done:start] + new[0] + match[3] + new[1] + match[5] + new[2]
-            done = stop
-        parts += data[done:]
-        return bytes(parts)
+            yield start, stop, new[0] + match[3] + new[1] + match[5] + new[2]
 
 
 def without_data(data: bytes) -> bytes:

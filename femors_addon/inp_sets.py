@@ -64,15 +64,13 @@ class Sets:
         if not name:
             raise word.error(f"*{word.name} needs {word.name}= and a name")
         scope = self._scopes.target(word)
-        own, lookups = (
-            (self._node_sets, self._nodes.lookups)
-            if word.name == "NSET"
-            else (self._element_sets, self._elements.lookups)
-        )
-        lookup = lookups.get(scope)
-        members = (
-            [self._of_elements(word, scope)] if "ELSET" in word.parameters and word.name == "NSET" else []
-        )
+        members: list[Int] = []
+        if word.name == "NSET":
+            own, lookup = self._node_sets, self._nodes.lookups.get(scope)
+            if "ELSET" in word.parameters:
+                members.append(self._of_elements(word, scope))
+        else:
+            own, lookup = self._element_sets, self._elements.lookups.get(scope)
         if "GENERATE" in word.parameters:
             members += _generated(word, lookup)
         else:

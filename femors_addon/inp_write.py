@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from .deck import by_part
 from .elements import ABAQUS_NAMES
-from .fields import number
+from .fields import number, spliced
 from .inp_nodes import Places
 from .inp_syntax import Source
 from .mesh import Float, Int
@@ -80,20 +81,17 @@ class Template:
         moved = (nodes != self.nodes).any(axis=1) & (self.places.files == source.number)
         rows = np.flatnonzero(moved)
         rows = rows[np.argsort(self.places.offsets[rows])]
-        data, out, done = source.data, bytearray(), 0
+        return spliced(source.data, self._lines(source.data, rows, nodes))
+
+    def _lines(self, data: bytes, rows: Int, nodes: Float) -> Iterator[tuple[int, int, bytes]]:
+        """Where the line of each row starts and ends, and what it is to be; in batches, to save memory."""
         for first in range(0, len(rows), 10_000):
             some = rows[first : first + 10_000]
             offsets, new, old = self.places.offsets[some], nodes[some], self.nodes[some]
-            for offset, position, before in zip(offsets.tolist(), new.tolist(), old.tolist(), strict=True):
-                end = data.find(b"\n", offset)
+            for start, position, before in zip(offsets.tolist(), new.tolist(), old.tolist(), strict=True):
+                end = data.find(b"\n", start)
                 end = len(data) if end < 0 else end
-                out += data[done:offset]
-                out += replaced(data[offset:end], position, before)
-                done = end
-        if not done:
-            return data
-        out += data[done:]
-        return bytes(out)
+                yield start, end, replaced(data[start:end], position, before)
 
 
 def replaced(line: bytes, new: list[float], old: list[float]) -> bytes:

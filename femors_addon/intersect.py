@@ -16,6 +16,7 @@ with opposite signs, so that nothing slips through between neighbours.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -28,8 +29,8 @@ from .mesh import Float, Int, Surface
 
 Index = NDArray[np.int64]
 
-BLOCK_PAIRS = 1_000_000
-"""Pairs of faces searched together: about 50 MB."""
+BLOCK_PAIRS, BLOCK_FACES = 300_000, 32_000
+"""Pairs of faces searched together: about 15 MB; and faces, at most."""
 
 AT_ONCE = 64_000
 """Pairs of faces looked at together: what they need stays in the processor's cache."""
@@ -66,17 +67,19 @@ def piercings(a: Surface, b: Surface) -> Piercings:
     """Find every edge of `a` that pierces a face of `b`; ``b is a`` tests a surface against itself."""
     planes_a, planes_b = _Planes.of(a, b)
 
-    def test(pairs: tuple[Index, Index]) -> list[tuple[Int, Index, Float]]:
-        f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
-        row, ends, t = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)
-        out = [(ends, g[row], t)]
-        if a is b:
-            row, ends, t = _pierced(planes_a, g, planes_a, f, g_over_f, True)
-            out.append((ends, f[row], t))
+    def test(search: _Search) -> list[tuple[Int, Index, Float]]:
+        out = []
+        for pairs in search.candidates():
+            f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
+            row, ends, t = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)
+            out.append((ends, g[row], t))
+            if a is b:
+                row, ends, t = _pierced(planes_a, g, planes_a, f, g_over_f, True)
+                out.append((ends, f[row], t))
         return out
 
     found = [(np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int64), np.empty(0))]
-    for some in in_threads(test, _candidates(a, b)):
+    for some in in_threads(test, _searches(a, b)):
         found += some
     ends, face, t = (np.concatenate(column) for column in zip(*found, strict=True))
     n = len(a.vertices)
@@ -95,15 +98,18 @@ def crossings(a: Surface, b: Surface) -> Int:
     """
     planes_a, planes_b = _Planes.of(a, b)
 
-    def test(pairs: tuple[Index, Index]) -> Int:
-        f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
-        rows = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
-        back = _pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
-        rows = np.concatenate((rows, back))
-        return np.column_stack((f[rows], g[rows]))
+    def test(search: _Search) -> Int:
+        out = [np.empty((0, 2), dtype=np.int64)]
+        for pairs in search.candidates():
+            f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
+            rows = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
+            back = _pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
+            rows = np.concatenate((rows, back))
+            out.append(np.column_stack((f[rows], g[rows])))
+        return np.concatenate(out)
 
     none = np.empty((0, 2), dtype=np.int64)
-    pairs: Int = np.concatenate([none, *in_threads(test, _candidates(a, b))])
+    pairs: Int = np.concatenate([none, *in_threads(test, _searches(a, b))])
     if a is b:
         pairs.sort(axis=1)
     keys = np.unique(pairs[:, 0] * len(b.faces) + pairs[:, 1])
@@ -197,11 +203,11 @@ def _pierced(
 
 
 # --- candidates -------------------------------------------------------------------------------------
-def _candidates(a: Surface, b: Surface) -> Iterator[tuple[Index, Index]]:
-    """Yield blocks of pairs (face of a, face of b) whose enclosing balls overlap.
+def _searches(a: Surface, b: Surface) -> Iterator[_Search]:
+    """Yield the parts of the search for pairs (face of a, face of b) whose enclosing balls overlap.
 
     Balls are searched octave of size by octave of size, so that one large face does not widen the
-    search of a million small ones.
+    search of a million small ones. With ``b is a`` each pair is met once.
     """
     faces_a, faces_b = np.arange(len(a.faces)), np.arange(len(b.faces))
     if len(faces_a) and len(faces_b) and a is not b:
@@ -213,10 +219,7 @@ def _candidates(a: Surface, b: Surface) -> Iterator[tuple[Index, Index]]:
     classes_b = classes_a if a is b else _classes(b, faces_b)
     for i, one in enumerate(classes_a):
         for two in classes_b[i:] if a is b else classes_b:
-            for f, g in _overlapping(one, two):
-                for start in range(0, len(f), AT_ONCE):
-                    part = slice(start, start + AT_ONCE)
-                    yield one.face[f[part]], two.face[g[part]]
+            yield from _parts(one, two)
 
 
 def _within(corners: Float, low: Float, high: Float) -> Index:
@@ -235,36 +238,68 @@ class _Balls:
     face: Index
 
 
-def _overlapping(one: _Balls, two: _Balls) -> Iterator[tuple[Index, Index]]:
-    """Yield pairs of balls that overlap, `BLOCK_PAIRS` or so at a time; ``two is one`` gives each once."""
-    reach = (one.radius.max() + two.radius.max()) * (1 + 1e-9)
-    order, stride = one.tree.indices, 32
-    sample = two.tree.query_ball_point(one.tree.data[order[::stride]], reach, return_length=True)
-    block = np.cumsum(np.asarray(sample, dtype=np.int64) * stride) // BLOCK_PAIRS
-    if one is two and block[-1] == 0:
-        pairs = one.tree.query_pairs(reach, output_type="ndarray")
-        f, g = pairs[:, 0], pairs[:, 1]
-        apart = one.tree.data[f] - one.tree.data[g]
-        near = triples.dot(apart, apart) <= (one.radius[f] + one.radius[g]) ** 2 * (1 + 1e-9)
-        yield f[near], g[near]
-        return
-    for rows in np.split(order, (np.flatnonzero(np.diff(block)) + 1) * stride):
-        if not len(rows):
-            continue
-        tree = cKDTree(one.tree.data[rows], balanced_tree=False)
-        pairs = tree.sparse_distance_matrix(two.tree, reach, output_type="ndarray")
-        f, g = rows[pairs["i"]], pairs["j"]
-        near = pairs["v"] <= (one.radius[f] + two.radius[g]) * (1 + 1e-9)
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Search:
+    """Some balls of one class, by their places in the order of its tree, against those of another."""
+
+    one: _Balls
+    two: _Balls
+    part: slice
+
+    def candidates(self) -> Iterator[tuple[Index, Index]]:
+        """Yield pairs (face, face) of balls that overlap, `AT_ONCE` at a time."""
+        one, two = self.one, self.two
+        reach = _reach(one, two)
+        f = one.tree.indices[self.part]
+        centre = one.tree.data[f]
+        tree = cKDTree(centre, balanced_tree=False)
+        g, aims = np.arange(len(two.face)), two.tree
         if one is two:
-            near &= f < g
-        yield f[near], g[near]
+            pairs = tree.query_pairs(reach, output_type="ndarray")
+            first, second = pairs[:, 0], pairs[:, 1]
+            apart = triples.squared(centre.take(first, axis=0) - centre.take(second, axis=0))
+            yield from self._near(f[first], f[second], np.sqrt(apart))
+            # and those beyond the part, which have not had their turn
+            low, high = triples.box(centre)
+            g = two.tree.indices[self.part.stop :]
+            later = two.tree.data.take(g, axis=0)
+            close = triples.every(later >= low - reach) & triples.every(later <= high + reach)
+            g = g[close]
+            if not len(g):
+                return
+            aims = cKDTree(later[close], balanced_tree=False)
+        pairs = tree.sparse_distance_matrix(aims, reach, output_type="ndarray")
+        yield from self._near(f[pairs["i"]], g[pairs["j"]], pairs["v"])
+
+    def _near(self, f: Index, g: Index, apart: Float) -> Iterator[tuple[Index, Index]]:
+        """Yield the faces of the balls (f, g), so far apart, that overlap."""
+        near = np.flatnonzero(apart <= (self.one.radius[f] + self.two.radius[g]) * (1 + 1e-9))
+        f, g = self.one.face[f[near]], self.two.face[g[near]]
+        for start in range(0, len(f), AT_ONCE):
+            yield f[start : start + AT_ONCE], g[start : start + AT_ONCE]
+
+
+def _reach(one: _Balls, two: _Balls) -> float:
+    """Distance between centres beyond which no two balls of these overlap."""
+    return float(one.radius.max() + two.radius.max()) * (1 + 1e-9)
+
+
+def _parts(one: _Balls, two: _Balls) -> Iterator[_Search]:
+    """Cut the search of one class against another into parts of some `BLOCK_PAIRS` or `BLOCK_FACES`."""
+    order, stride = one.tree.indices, 32
+    sample = two.tree.query_ball_point(one.tree.data[order[::stride]], _reach(one, two), return_length=True)
+    cost = np.maximum(np.asarray(sample) / BLOCK_PAIRS, 1.0 / BLOCK_FACES)
+    block = np.cumsum(cost * stride).astype(np.int64)
+    cuts = [0, *((np.flatnonzero(np.diff(block)) + 1) * stride).tolist(), len(order)]
+    for start, stop in itertools.pairwise(cuts):
+        yield _Search(one, two, slice(start, stop))
 
 
 def _classes(surface: Surface, faces: Index) -> list[_Balls]:
     """Sort the enclosing balls of some faces by octaves of size."""
     centre, radius, owner = _pieces(surface.vertices.take(surface.faces[faces], axis=0), faces)
-    # below a thousandth of the usual size all are one class
-    smallest = max(float(np.median(radius)) * 2.0**-10, float(radius.max()) * 2.0**-30)
+    # below a thousandth of the usual size all are one class, and most of an even mesh are of one
+    smallest = max(float(np.median(radius)) * 1.25 * 2.0**-10, float(radius.max()) * 2.0**-30)
     octave = np.zeros(len(radius), dtype=np.int64)
     if smallest > 0:
         octave = np.ceil(np.log2(np.maximum(radius, smallest) / smallest)).astype(np.int64)

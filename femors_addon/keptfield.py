@@ -16,10 +16,10 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from .align import inverse, transformed
 from .files import Location, check_no_folder, read_bytes, write_bytes
 from .mesh import Float, Int, Surface, frozen
 from .progress import FemorsError
+from .transforms import inverse, transformed
 
 ENDING = ".npz"
 LAYOUT = 2

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from . import landmarkcsv, markups
 from .files import Location, read_bytes, shown
 from .mesh import Float, frozen
-from .progress import FemorsError
+from .progress import FemorsError, listed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,8 +153,8 @@ def paired(source: Landmarks, target: Landmarks) -> tuple[Float, Float]:
     if source.names and target.names:
         alone = set(source.names) ^ set(target.names)
         if alone:
-            listed = ", ".join(sorted(alone)[:5]) + (", ..." if len(alone) > 5 else "")
-            raise FemorsError(f"landmarks without a partner of the same name: {listed}")
+            names = listed(sorted(alone), most=5)
+            raise FemorsError(f"landmarks without a partner of the same name: {names}")
         order = [target.names.index(name) for name in source.names]
         target = Landmarks(target.points[order], source.names)
     if len(source.points) != len(target.points):

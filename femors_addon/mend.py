@@ -12,19 +12,21 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from . import triples
 from .correspond import FACING, at_border, interpolated_normals
+from .folds import Reference, folded
 from .intersect import enclosing_balls, self_intersections
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
-from .progress import Progress, part, silent
+from .progress import Progress, silent
+from .progress import part as section
 from .quality import aspect_ratio, flipped_faces
-from .relax import folded
 
 PATCHES = (1, 2, 3, 4, 6)  # edges around a bad face, one attempt after the other
 ROUNDS = 8  # of averaging, per edge of the patch's width
@@ -32,25 +34,28 @@ SLENDER, GROWTH = 10.0, 3.0  # aspect ratio, and times that of the source, beyon
 SQUEEZED = 0.1  # what a squeezed face counts beside one that is folded or crosses others
 LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away,
 FARTHEST = 1.5  # mean edges: and its nodes may go so far
+REACH = 16  # edges around the bad faces that may move: all patches, one after the other, reach as far
 CLOSE = 0.5  # mean edges: so near the target a node is laid on it whichever way it faces
 
 
 def mended(
     rest: Surface,
-    aligned: Surface,
+    reference: Reference,
     displacement: Float,
     target: SurfaceIndex,
     free: Float | None,
     settings: MorphSettings,
     progress: Progress = silent,
-    left: int = 0,
+    left: ArrayLike = (),
 ) -> tuple[Float, int]:
     """Spread out the nodes around faces that fold over or cross others or are squeezed, where it helps.
 
     Parameters
     ----------
-    rest, aligned : Surface
-        The source as it was, which tells what was folded before, and as the displacement starts from.
+    rest : Surface
+        The source as it was, which tells what was folded before.
+    reference : Reference
+        The source as the displacement starts from.
     displacement : (n, 3) float64
         The state to be mended.
     target : SurfaceIndex
@@ -61,9 +66,9 @@ def mended(
         Where nodes are not to lie on the target (`projection` 0), nothing is mended here.
     progress : Progress
         May raise `Cancelled`.
-    left : int
-        Faces that are known to be folded or to cross others; without any, crossings are not looked for
-        before something is changed.
+    left : (k,) int
+        Faces that are known to be folded or to cross others; crossings are not looked for elsewhere than
+        around these and others that want mending.
 
     Returns
     -------
@@ -72,22 +77,84 @@ def mended(
     left : int
         Faces folded or crossing in it.
     """
+    left = np.asarray(left, dtype=np.int32)
     if settings.projection == 0:
-        return displacement, left
+        return displacement, len(left)
+    aligned = reference.surface
     positions = aligned.vertices + displacement
     moved = aligned.moved(positions)
-    if not left and not len(flipped_faces(rest, moved)) and not _squeezed(rest, moved).any():
+    known = np.union1d(left, flipped_faces(rest, moved))
+    wanting = np.union1d(known, np.flatnonzero(_squeezed(rest, moved))).astype(np.int32)
+    if not len(wanting):
         return displacement, 0
-    fixed = aligned.border if free is None else aligned.border | (free <= 0)
-    crossing = np.unique(self_intersections(aligned))
-    work = _Patches(rest, aligned, target, crossing, ~fixed, settings)
-    near, bad = work.mend(positions, PATCHES, CLOSE, part(progress, 0.0, 0.5))
-    if (bad >= 1.0).any():
-        loose, after = work.mend(positions, PATCHES, 0.0, part(progress, 0.5, 1.0))
-        if (after >= 1.0).sum() < (bad >= 1.0).sum():
-            near, bad = loose, after
-    changed = (near != positions).any(axis=1)[:, None]  # rounding must not move the others
-    return np.where(changed, near - aligned.vertices, displacement), int((bad >= 1.0).sum())
+    may = ~aligned.border if free is None else ~aligned.border & (free > 0)
+    part = _Part.around(wanting, moved, may)
+    work = _Patches(part.of(rest), Reference(part.of(aligned)), part, target, settings)
+    begun = positions[part.nodes]
+    pairs = self_intersections(part.of(moved))
+    bad = work.badness(begun, pairs)
+    unseen = len(np.setdiff1d(known, part.faces[bad >= 1.0]))  # a component inside out, all of it
+    best, still = work.mend(begun, pairs, bad, CLOSE, section(progress, 0.0, 0.5))
+    if (still >= 1.0).any():
+        loose, after = work.mend(begun, pairs, bad, 0.0, section(progress, 0.5, 1.0))
+        if (after >= 1.0).sum() < (still >= 1.0).sum():
+            best, still = loose, after
+    changed = (best != begun).any(axis=1)  # rounding must not move the others
+    out = displacement.copy()
+    out[part.nodes[changed]] = best[changed] - aligned.vertices[part.nodes[changed]]
+    return out, unseen + int((still >= 1.0).sum())
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Part:
+    """The part of a mesh that mending can touch, with all that its faces may come to cross.
+
+    Attributes
+    ----------
+    nodes, faces : (k,), (j,) int32
+        Rows in the whole mesh, ascending.
+    corners : (j, 3) int32
+        Corners of the faces as rows of `nodes`.
+    may : (k,) bool
+        Nodes that may move.
+    whole : (j,) bool
+        Faces whose corners have all their faces here, so that folds can be told.
+    edge : float
+        Mean edge of the whole mesh, and
+    count : int
+        its nodes.
+    """
+
+    nodes: Int
+    faces: Int
+    corners: Int
+    may: np.ndarray
+    whole: np.ndarray
+    edge: float
+    count: int
+
+    @classmethod
+    def around(cls, wanting: Int, moved: Surface, may: np.ndarray) -> _Part:
+        """The part around the faces that want mending."""
+        inside = _patch(moved, wanting, REACH)
+        wide = _patch(moved, wanting, REACH + 1)
+        moving = triples.some((inside & may).take(moved.faces))
+        centre, radius = enclosing_balls(moved.corners)
+        edge, used = moved.mean_edge, np.flatnonzero(moving)
+        near = triples.some(wide.take(moved.faces))
+        if len(used):
+            # a face may go so far, and grow by twice that
+            limit = radius + radius[used].max() + 3.0 * FARTHEST * edge
+            away = cKDTree(centre[used]).query(centre, distance_upper_bound=float(limit.max()) * 1.01)[0]
+            near |= away <= limit
+        faces = np.flatnonzero(near).astype(np.int32)
+        nodes, corners = triples.renumbered(moved.faces[faces], len(moved.vertices))
+        whole = triples.every(wide.take(moved.faces[faces]))
+        return cls(nodes, faces, corners, (inside & may)[nodes], whole, edge, len(moved.vertices))
+
+    def of(self, surface: Surface) -> Surface:
+        """The part of the mesh at some positions."""
+        return Surface(surface.vertices[self.nodes], self.corners)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,34 +162,39 @@ class _Patches:
     """What stays the same through all attempts."""
 
     rest: Surface
-    aligned: Surface
+    reference: Reference
+    part: _Part
     target: SurfaceIndex
-    crossing: Int  # faces that cross others from the first
-    may: np.ndarray  # (n,) nodes that may move
     settings: MorphSettings
 
+    @property
+    def aligned(self) -> Surface:
+        """The part as the displacement starts from."""
+        return self.reference.surface
+
     def mend(
-        self, positions: Float, widths: tuple[int, ...], close: float, progress: Progress
+        self, positions: Float, pairs: Int, bad: Float, close: float, progress: Progress
     ) -> tuple[Float, Float]:
-        """Try one width after the other; return positions (n, 3) and how bad each face is there (m,)."""
-        pairs = self_intersections(self.aligned.moved(positions))
-        bad = self._badness(positions, pairs)
-        for number, rings in enumerate(widths):
-            progress(number / len(widths), "mending folded faces")
+        """Try one width after the other; return positions (k, 3) and how bad each face is there (j,).
+
+        `pairs` (q, 2) are the faces that cross at the positions given, and `bad` (j,) their badness.
+        """
+        for number, rings in enumerate(PATCHES):
+            progress(number / len(PATCHES), "mending folded faces")
             # beyond the target's reach a squeezed face is none of our business
             at = np.flatnonzero(bad if close else bad >= 1.0)
             if not len(at):
                 break
-            inside = _patch(self.aligned, at, rings) & self.may
+            inside = _patch(self.aligned, at, rings) & self.part.may
             trial = self._spread_out(positions, np.flatnonzero(inside), rings, close)
             crossed = self._crossed(pairs, positions, trial)
-            after = self._badness(trial, crossed)
+            after = self.badness(trial, crossed)
             better = _better(self.aligned, inside, bad, after)
             better &= self._small(inside, np.linalg.norm(trial - positions, axis=1))
             trial[~better] = positions[~better]
             if not better.all():
                 crossed = self._crossed(pairs, positions, trial)
-                after = self._badness(trial, crossed)
+                after = self.badness(trial, crossed)
             if after.sum() < bad.sum():
                 positions, bad, pairs = trial, after, crossed
         return positions, bad
@@ -133,7 +205,7 @@ class _Patches:
         Those that lie within `close` mean edges of it are laid on it again and again, whichever way they
         face; without, only those that face as the target does, and once, at the end.
         """
-        aligned, target = self.aligned, self.target
+        aligned, target, edge = self.aligned, self.target, self.part.edge
         rows = aligned.adjacency[nodes]
         rows = sparse.diags(1.0 / np.maximum(np.asarray(rows.sum(axis=1)).ravel(), 1.0)) @ rows
         out = positions.copy()
@@ -145,7 +217,7 @@ class _Patches:
                 found = target.closest(out[nodes])
                 normals = interpolated_normals(target.surface, found.face, found.barycentric)
                 kept = np.einsum("ij,ij->i", moved.vertex_normals[nodes], normals) > FACING
-                kept |= found.distance < close * moved.mean_edge
+                kept |= found.distance < close * edge
                 if self.settings.partial != "none":
                     kept &= ~at_border(target.surface, found.face, found.barycentric)
                 step = found.point[kept] - out[nodes[kept]]
@@ -158,7 +230,7 @@ class _Patches:
         size = np.bincount(patch, minlength=count + 1)
         far = np.zeros(count + 1)
         np.maximum.at(far, patch, movement)
-        small = (size <= LARGEST * len(inside)) & (far <= FARTHEST * self.aligned.mean_edge)
+        small = (size <= LARGEST * self.part.count) & (far <= FARTHEST * self.part.edge)
         small[count] = True
         return np.asarray(small[patch])
 
@@ -182,14 +254,18 @@ class _Patches:
         kept = pairs[~moved[pairs].any(axis=1)]
         return np.concatenate((kept, found[moved[found].any(axis=1)]))
 
-    def _badness(self, positions: Float, pairs: Int) -> Float:
-        """1 (m,) for the faces folded over or crossing others, though neither in `rest` nor `aligned`;
-        `SQUEEZED` for those squeezed, and 0 for the others. `pairs` (k, 2) are those that cross."""
+    def badness(self, positions: Float, pairs: Int) -> Float:
+        """Return 1 (j,) for the faces folded over or crossing others, though neither in `rest` nor in the
+        reference; `SQUEEZED` for those squeezed, and 0 for the others.
+
+        `pairs` (q, 2) are the faces that cross.
+        """
         moved = self.aligned.moved(positions)
         out = SQUEEZED * _squeezed(self.rest, moved)
-        out[folded(self.aligned, moved)] = 1.0
+        out[folded(self.reference, moved)] = 1.0
         out[flipped_faces(self.rest, moved)] = 1.0
-        out[np.setdiff1d(np.unique(pairs), self.crossing)] = 1.0
+        out[~self.part.whole] = 0.0
+        out[np.setdiff1d(np.unique(pairs), self.reference.crossing)] = 1.0
         return out
 
 

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import obj, ply, stl
-from .files import Location, check_no_folder, read_bytes, write_bytes
+from .files import Location, check_no_folder, read_bytes, require_finite, write_bytes
 from .mesh import Float, Int, Surface, frozen, triangulate
 from .progress import FemorsError
 
 FORMATS: dict[str, Any] = {".stl": stl, ".ply": ply, ".obj": obj}
-"""Each module has ``parse(data) -> vertices, sizes, corners, template`` and ``build(the same) -> data``."""
+"""Each module has ``parse(data) -> vertices, sizes, corners, template``, ``build(the same) -> data``, and
+``called(index) -> str``: what the file calls a vertex."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,14 +78,9 @@ def read(path: Location) -> MeshFile:
     data = read_bytes(path)
     try:
         vertices, sizes, corners, template = FORMATS[suffix].parse(data)
+        require_finite(vertices, "vertices", FORMATS[suffix].called)
     except FemorsError as error:
         raise FemorsError(f"{path}: {error}") from None
-    bad = ~np.isfinite(vertices).all(axis=1)
-    if bad.any():
-        raise FemorsError(
-            f"{path}: {int(bad.sum())} of {len(bad)} vertices have coordinates that are not finite numbers "
-            f"(first: vertex {int(np.argmax(bad))}, from 0)"
-        )
     return MeshFile(vertices, sizes, corners, suffix, template)
 
 

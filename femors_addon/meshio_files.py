@@ -21,13 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from .deck import Deck, Load, Part
+from .deck import Deck, Load, OneFile, Part
 from .elements import MESHIO_KINDS, MESHIO_NAMES
-from .files import read_bytes, shown
+from .files import read_bytes, require_finite, shown
 from .gmsh_nodes import NodePlaces, node_places, without_data
 from .mesh import Float, Int
 from .progress import FemorsError
 from .volume import Block, VolumeMesh
+from .vtk_poly import called
 
 PACKAGE = "meshio==5.3.5"
 FORMATS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".mesh": "medit"}
@@ -38,7 +39,7 @@ PART_DATA = ("gmsh:physical", "medit:ref", "part", "gmsh:geometrical")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """A file and what meshio read from it; `nodes` (n, 3) as read, `places` where they stand, if known."""
 
     path: Path
@@ -46,10 +47,6 @@ class Template:
     content: Any
     nodes: Float
     places: NodePlaces | None = None
-
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
 
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes, or what meshio writes where nodes have moved."""
@@ -68,10 +65,6 @@ class Template:
         content.points = np.array(nodes)
         return _written(content, suffix, like)
 
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
-
 
 def read(path: Path, load: Load = read_bytes) -> Deck:
     """Read a mesh; arguments and errors as for `inp.read`."""
@@ -84,14 +77,18 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     nodes = np.zeros((len(points), 3))
     nodes[:, : points.shape[1]] = points
     places = node_places(data) if suffix == ".msh" else None
-    if places is not None and not np.array_equal(places.positions, nodes):
+    if places is not None and not np.array_equal(places.positions, nodes, equal_nan=True):
         places = None
+    given = content.point_data.get("node_id") if places is None else places.ids
+    ids = _ids(given, len(nodes))
     try:
+        from_zero = suffix in (".vtk", ".vtu") and given is None
+        require_finite(nodes, "nodes", called if from_zero else lambda index: f"node {ids[index]}")
         blocks, where = _blocks(content)
         mesh = VolumeMesh(
             nodes,
             tuple(blocks),
-            _ids(content.point_data.get("node_id") if places is None else places.ids, len(nodes)),
+            ids,
             _node_sets(content, len(nodes)),
             _element_sets(content, where),
         )

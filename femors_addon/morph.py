@@ -20,20 +20,28 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import settings as declared
-from .align import SAMPLE, Alignment, align, canonical_frame, inverse, transformed, unit_factor
+from .align import Alignment, align
+from .cleaning import Cleaned, clean
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
+from .folds import Reference, bad_faces, unfolded
 from .grnn import DisplacementField
+from .icp import SAMPLE
+from .landmark_pairs import Pairs
 from .limits import require_memory
 from .mend import mended
-from .mesh import Cleaned, Float, Surface, clean
-from .morph_result import MorphResult, Step, result_of
+from .mesh import Float, Surface
+from .morph_outcome import Outcome, result_of
+from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
+from .poses import canonical_frame
 from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
-from .relax import averaging, bad_faces, guarded, settle, slide, unfolded
+from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, node_counts, stages
-from .steer import Pairs, Pull, Steering, lead
+from .steer import Pull, Steering, lead
+from .transforms import inverse, transformed
+from .units import unit_factor
 from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
@@ -109,7 +117,7 @@ def morph(
     displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
     displacement, left, landed = settle(
         work.rest,
-        work.aligned,
+        work.reference,
         displacement,
         work.index,
         free,
@@ -118,14 +126,15 @@ def morph(
         watch.dense,
     )
     mending = part(progress, 0.86, 0.88)
-    displacement, left = mended(
-        work.rest, work.aligned, displacement, work.index, free, settings, mending, left
+    displacement, bad = mended(
+        work.rest, work.reference, displacement, work.index, free, settings, mending, left
     )
     watch.dense(displacement)
     if weight is not None:
         displacement, left = unfolded(
-            work.aligned, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
+            work.reference, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
         )
+        bad = len(left)
     spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
     field = DisplacementField(work.aligned.vertices, displacement, spread)
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
@@ -137,19 +146,9 @@ def morph(
         warnings.append(
             "weights limit the deformation, not the alignment; choose no alignment to keep parts still"
         )
-    result = result_of(
-        source,
-        (ours, theirs),
-        (work.alignment.matrix, work.aligned, work.index),
-        field,
-        landed,
-        settings,
-        tuple(history),
-        left,
-        tuple(warnings),
-        part(progress, 0.88, 1.0),
-        weighted=weights is not None,
-    )
+    outcome = Outcome(ours, theirs, work.alignment.matrix, work.reference, work.index, field, landed, bad)
+    measuring = part(progress, 0.88, 1.0)
+    result = result_of(outcome, source, settings, history, warnings, measuring, weighted=weights is not None)
     steering = None if work.pairs is None else _steered(result, work.pairs, settings)
     return dataclasses.replace(result, steering=steering, seconds=time.process_time() - started)
 
@@ -169,13 +168,18 @@ class _Work:
 
     alignment: Alignment
     rest: Surface  # the source's own element shapes, mirrored where it was
-    aligned: Surface
+    reference: Reference  # the source aligned
     index: SurfaceIndex
     sources: list[Surface]  # from the coarsest level to the dense one
     targets: list[Surface]
     size: float
     pairs: Pairs | None
     weight: float  # of the landmarks' pull
+
+    @property
+    def aligned(self) -> Surface:
+        """The source aligned."""
+        return self.reference.surface
 
     def pull(self, level: int) -> Pull | None:
         """What the landmarks do on a level; None where they do nothing."""
@@ -210,7 +214,7 @@ class _Work:
         weight = settings.landmark_weight if settings.steer else 0.0
         index, size = SurfaceIndex(target), target.diagonal
         places = moved, [*targets, target]
-        return cls(alignment, rest, moved[-1], index, *places, size, pairs, weight)
+        return cls(alignment, rest, Reference(moved[-1]), index, *places, size, pairs, weight)
 
 
 def _levels(

@@ -8,18 +8,18 @@ our own: the cards of nodes that moved are written in large fields (16 character
 from __future__ import annotations
 
 import dataclasses
-import re
 from pathlib import Path
 
 import numpy as np
 
-from .deck import Deck, Load, Part
+from .deck import Deck, Load, OneFile, Part
 from .elements import KINDS
-from .fields import NASTRAN, number
+from .fields import NASTRAN, number, spliced
 from .files import read_bytes, shown
 from .ids import Lookup
 from .inp_syntax import Source
 from .mesh import Float, Int
+from .nastran_cards import WHOLE, Card, cards_of, real, whole, written
 from .progress import FemorsError
 from .volume import Block, VolumeMesh
 
@@ -59,26 +59,10 @@ ORDER = {
     "hex20": [*range(12), 16, 17, 18, 19, 12, 13, 14, 15],
     "penta15": [*range(9), 12, 13, 14, 9, 10, 11],
 }
-_REAL = re.compile(r"([+-]?)([0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD]?([+-][0-9]{1,3})|[eEdD]([0-9]{1,3}))?")
-_WHOLE = re.compile(r"[0-9]{1,15}")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Card:
-    """A card: its upper-case name, its data fields, and its bytes in the file."""
-
-    name: str
-    fields: list[str]
-    start: int
-    stop: int
-
-    def field(self, index: int) -> str:
-        """Return a data field, from 0; "" where the card is shorter."""
-        return self.fields[index] if index < len(self.fields) else ""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """A Nastran file, and the GRID card of each node (n,) with its coordinates (n, 3) as read."""
 
     path: Path
@@ -86,27 +70,15 @@ class Template:
     cards: list[Card]
     nodes: Float
 
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
-
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes with other coordinates."""
         moved = np.flatnonzero((nodes != self.nodes).any(axis=1)).tolist()
-        out, done = bytearray(), 0
-        for index in sorted(moved, key=lambda index: self.cards[index].start):
-            card = self.cards[index]
-            out += self.data[done : card.start]
-            out += _grid(card, self.data, nodes[index], self.nodes[index])
-            done = card.stop
-        if not done:
-            return self.data
-        out += self.data[done:]
-        return bytes(out)
-
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
+        moved.sort(key=lambda index: self.cards[index].start)
+        cards = [self.cards[index] for index in moved]
+        rows = zip(cards, nodes[moved], self.nodes[moved], strict=True)
+        return spliced(
+            self.data, ((card.start, card.stop, _grid(card, self.data, new, old)) for card, new, old in rows)
+        )
 
 
 def _grid(card: Card, data: bytes, new: Float, old: Float) -> bytes:
@@ -128,11 +100,11 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     source = Source(0, path, load(path))
     if b"\0" in source.data:
         raise FemorsError(f"{path}: is not a Nastran file but binary")
-    cards = _cards(source)
+    cards = cards_of(source, {"GRID", "INCLUDE", *CARDS})
     grids = [card for card in cards if card.name == "GRID"]
     if not grids:
         raise FemorsError(f"{path}: has no nodes (GRID cards)")
-    ids = np.array([_whole(source, card, 0, "a node's id") for card in grids], np.int64)
+    ids = np.array([whole(source, card, 0, "a node's id") for card in grids], np.int64)
     positions = np.array([_position(source, card) for card in grids])
     lookup = Lookup(ids, 0)
     _refuse_twins(source, grids, lookup, "node")
@@ -146,94 +118,21 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     named = {
         f"PID {pid}": Part(f"PID {pid}", mesh.restricted(chosen)[1], chosen) for pid, chosen in parts.items()
     }
-    missed = any(card.name.startswith("INCLUDE") for card in cards)
+    missed = any(card.name == "INCLUDE" for card in cards)
     notes = ("files that an INCLUDE names are not read",) if missed else ()
     return Deck(
         path, path.suffix.lower(), mesh, named, Template(path, source.data, grids, mesh.nodes), (), notes
     )
 
 
-# --- cards ----------------------------------------------------------------------------------------
-def _cards(source: Source) -> list[Card]:
-    """Return the bulk data's cards that matter here, and the INCLUDE statements."""
-    data = source.data
-    begin = re.search(rb"^[ \t]*BEGIN[ \t]+BULK[^\n]*\n", data, re.MULTILINE | re.IGNORECASE)
-    start = begin.end() if begin else 0
-    out: list[Card] = []
-    lines: list[str] = []
-    first = last = start
-    for end in _ends(data, start):
-        text = data[start:end].decode("latin-1").rstrip("\r\n")
-        plain = text.strip()
-        if plain and not plain.startswith("$"):
-            if plain[:7].upper() == "ENDDATA":
-                break
-            if text[0] in "+*, \t" and lines:
-                lines.append(text)
-            else:
-                _add(out, lines, first, last)
-                lines, first = [text], start
-            last = end
-        start = end
-    _add(out, lines, first, last)
-    return out
-
-
-def _ends(data: bytes, start: int) -> list[int]:
-    newlines = np.flatnonzero(np.frombuffer(data, np.uint8)[start:] == 10) + start + 1
-    ends: list[int] = newlines.tolist()
-    return ends if ends and ends[-1] == len(data) else [*ends, len(data)]
-
-
-def _add(out: list[Card], lines: list[str], start: int, stop: int) -> None:
-    if not lines:
-        return
-    head = re.split(r"[,\s*]", lines[0].lstrip(), maxsplit=1)[0].upper()
-    if head in ("GRID", "GRDSET", "INCLUDE") or head in CARDS:
-        fields = [field for line in lines for field in _fields(line)]
-        out.append(Card(head, fields, start, stop))
-
-
-def _fields(line: str) -> list[str]:
-    """Return a line's data fields: eight, or four of a line in large fields."""
-    if "," in line:
-        parts = [part.strip() for part in line.split(",")]
-        count = 4 if "*" in parts[0] else 8
-        return (parts[1 : 1 + count] + [""] * count)[:count]
-    line = line.expandtabs(8)
-    if "*" in line[:8]:
-        return [line[8 + 16 * i : 24 + 16 * i].strip() for i in range(4)]
-    return [line[8 + 8 * i : 16 + 8 * i].strip() for i in range(8)]
-
-
-def _whole(source: Source, card: Card, index: int, what: str) -> int:
-    text = card.field(index)
-    if _WHOLE.fullmatch(text) is None or int(text) < 1:
-        raise source.error(card.start, f"{what} was expected, not '{shown(text.encode())}'")
-    return int(text)
-
-
 def _position(source: Source, card: Card) -> list[float]:
+    """The coordinates of a GRID card; only the basic system is read."""
     if card.field(1) not in ("", "0"):
         raise source.error(
             card.start,
             f"node {card.field(0)} is in coordinate system {card.field(1)[:20]}; use the basic one",
         )
-    return [_real(source, card, index) for index in (2, 3, 4)]
-
-
-def _real(source: Source, card: Card, index: int) -> float:
-    """Return a real number in one of Nastran's spellings: 7.0, .7E1, 70.-1."""
-    text = card.field(index)
-    if not text:
-        return 0.0
-    match = _REAL.fullmatch(text)
-    value = np.inf
-    if match is not None:
-        value = float(f"{match[1]}{match[2]}e{match[3] or match[4] or 0}")
-    if not np.isfinite(value):
-        raise source.error(card.start, f"a coordinate was expected, not '{shown(text.encode())}'")
-    return value
+    return [real(source, card, index) for index in (2, 3, 4)]
 
 
 # --- elements -------------------------------------------------------------------------------------
@@ -245,8 +144,8 @@ def _elements(
     for card in cards:
         linear, quadratic = (KINDS[name] for name in CARDS[card.name])
         texts = [card.field(index) for index in range(2, 2 + quadratic.size)]
-        kind = quadratic if all(_WHOLE.fullmatch(text) for text in texts) else linear
-        nodes = [_whole(source, card, 2 + index, "the id of a node") for index in range(kind.size)]
+        kind = quadratic if all(WHOLE.fullmatch(text) for text in texts) else linear
+        nodes = [whole(source, card, 2 + index, "the id of a node") for index in range(kind.size)]
         if kind.name in ORDER:
             nodes = [nodes[index] for index in ORDER[kind.name]]
         groups.setdefault((card.name, kind.name), []).append((card, nodes))
@@ -259,7 +158,7 @@ def _elements(
             card = rows[at][0]
             text = f"element {card.field(0)} names node {ids[at, column]}, which the file lacks"
             raise source.error(card.start, text)
-        numbers = np.array([_whole(source, card, 0, "an element's id") for card, _ in rows], np.int64)
+        numbers = np.array([whole(source, card, 0, "an element's id") for card, _ in rows], np.int64)
         blocks.append(Block(kind_name, index, numbers, name))
         in_order += [card for card, _ in rows]
         pids += [_property(source, card) for card, _ in rows]
@@ -269,7 +168,7 @@ def _elements(
 
 
 def _property(source: Source, card: Card) -> int:
-    return _whole(source, card, 1, "a property's id") if card.field(1) else 0
+    return whole(source, card, 1, "a property's id") if card.field(1) else 0
 
 
 def _refuse_twins(source: Source, cards: list[Card], lookup: Lookup, what: str) -> None:
@@ -292,22 +191,9 @@ def fresh(mesh: VolumeMesh, parts: dict[str, Int], suffix: str = ".bdf") -> byte
     pid = np.full(mesh.element_count, len(parts) + 1)
     for index, elements in enumerate(parts.values()):
         pid[elements] = index + 1
-    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+    for block, start in mesh.with_starts():
         order: list[int] = ORDER.get(block.kind, list(range(block.shape.size)))
         ids = mesh.node_ids[block.nodes[:, order]]
         table = np.column_stack((block.ids, pid[start : start + len(block)], ids)).tolist()
-        lines += [_card(NAMES[block.kind], row) for row in table]
+        lines += [written(NAMES[block.kind], row) for row in table]
     return ("\n".join([*lines, "ENDDATA"]) + "\n").encode("latin-1", "replace")
-
-
-def _card(name: str, values: list[int]) -> str:
-    rows = [values[i : i + 8] for i in range(0, len(values), 8)]
-    wide = any(len(str(value)) > 8 for value in values)
-    if wide:
-        rows = [values[i : i + 4] for i in range(0, len(values), 4)]
-        heads = [f"{name}*".ljust(8), *["*".ljust(8)] * (len(rows) - 1)]
-        return "\n".join(
-            head + "".join(f"{v:<16}" for v in row) for head, row in zip(heads, rows, strict=True)
-        )
-    heads = [name.ljust(8), *["+".ljust(8)] * (len(rows) - 1)]
-    return "\n".join(head + "".join(f"{v:<8}" for v in row) for head, row in zip(heads, rows, strict=True))

@@ -75,6 +75,11 @@ def parse(data: bytes) -> tuple[Float, Int, Int, Template]:
     return vertices, sizes.astype(np.int32), corners.astype(np.int32), template
 
 
+def called(index: int) -> str:
+    """Return what an OBJ file calls a vertex: faces count from 1."""
+    return f"vertex {index + 1}, counted from 1"
+
+
 def _statements(data: bytes) -> list[bytes]:
     lines = data.split(b"\n")
     if b"\\\n" not in data and b"\\\r\n" not in data:

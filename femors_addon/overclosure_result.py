@@ -22,9 +22,10 @@ from .overclosure_settings import OverclosureSettings
 if TYPE_CHECKING:
     from .effort import Effort
 
-ALIKE = 0.9  # of the smaller body's volume: bodies that share more look like one
+ALIKE = 0.9  # of both bodies' volumes: bodies that share more look like one
 WIDE = 0.1  # of the smaller body's size: a gap above it looks like one in another unit
 UNLIKE = 200.0  # times the size of another body: more looks like another unit of length
+MUCH = 0.5  # of its volume: a body that is changed by more is another shape
 METHODS = {"grnn": "smooth field", "nodal": "nodal method", "published": "loop as published"}
 
 
@@ -157,7 +158,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes, *_folds(bodies)),
+        notes=(*notes, *_folds(bodies), *_changes(bodies)),
     )
 
 
@@ -201,6 +202,20 @@ def _folds(bodies: Sequence[BodyResult]) -> list[str]:
     ]
 
 
+def _changes(bodies: Sequence[BodyResult]) -> list[str]:
+    """Tell of bodies that are hardly themselves any more."""
+    notes = []
+    for body in bodies:
+        before, after = body.volume
+        change = body.xor
+        if change is None and before > 0:
+            change = abs(after - before) / before
+        if change is not None and change > MUCH:
+            words = f"the removal changed {change:.0%} of its volume; are the bodies in their places?"
+            notes.append(f"{body.name}: {words}")
+    return notes
+
+
 def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
     """Return what the user should know of bodies and of what was found among them, in words."""
     notes = [note for solid in solids for note in solid.notes]
@@ -229,10 +244,12 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
         )
     of = {solid.name: solid.begun_surface for solid in solids}
     for finding in before:
-        smaller = min((of[name] for name in finding.names), key=lambda s: abs(s.volume))
-        if finding.shared is not None and finding.shared > ALIKE * abs(smaller.volume) > 0:
+        size, larger = sorted(of[name].diagonal for name in finding.names)
+        if size * UNLIKE < larger:
+            continue  # all that follows would come from the other unit, which is told above
+        room = max(abs(of[name].volume) for name in finding.names)
+        if finding.shared is not None and finding.shared > ALIKE * room > 0:
             notes.append(f"{finding.one} and {finding.two}: take up nearly the same room; are they one body?")
-        size = min(of[name].diagonal for name in finding.names)
         if finding.gap > WIDE * size:
             notes.append(
                 f"{finding.one} and {finding.two}: the gap of {finding.gap:g} is {finding.gap / size:.0%} of "

@@ -51,7 +51,7 @@ class Overlap:
 
 
 def overlap(first: Surface, second: Surface, lines: int = LINES) -> Overlap:
-    """Measure what two surfaces share; both closed, and wound consistently (see `mesh.clean`).
+    """Measure what two surfaces share; both closed, and wound consistently (see `cleaning.clean`).
 
     Raises
     ------

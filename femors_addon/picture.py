@@ -6,15 +6,17 @@ from __future__ import annotations
 import dataclasses
 import struct
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .colours import linear
-from .mesh import Float, Surface
+from .colours import from_linear, linear
+from .mesh import Float, Int, Surface
 from .raster import fragments
 from .triples import unit
 
+Colours = Float | tuple[float, float, float]
 BONE = (0.83, 0.80, 0.74)
 """sRGB colour of a surface that shows no quantity."""
 FINER = 2  # samples across a pixel
@@ -26,7 +28,7 @@ class Shown:
     """A surface in a picture: its sRGB colour (3,), or those of its vertices (n, 3) or faces (m, 3)."""
 
     surface: Surface
-    colours: Float | tuple[float, float, float] = BONE
+    colours: Colours = BONE
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,44 +81,95 @@ def facing(sight: View, points: list[Float]) -> View:
     return sight if depth >= 0 else dataclasses.replace(sight, right=-sight.right, towards=-sight.towards)
 
 
-def picture(shown: list[Shown], view: View, height: int = 480) -> bytes:
+@dataclasses.dataclass(frozen=True, eq=False)
+class Look:
+    """What is seen of surfaces in a view: drawn once, coloured as often as is asked for.
+
+    Attributes
+    ----------
+    shape : (int, int)
+        Rows and columns of samples, `FINER` across each pixel.
+    parts : tuple of (Surface, cells (k,), faces (k,), shares (k, 3), brightness (k,))
+        For each surface the samples that show it, the face and the barycentric coordinates there, and how
+        its light falls.
+    """
+
+    shape: tuple[int, int]
+    parts: tuple[tuple[Surface, Int, Int, Float, Float], ...]
+
+    @classmethod
+    def of(cls, surfaces: Sequence[Surface], view: View, height: int = 480) -> Look:
+        """Draw surfaces, lit from the eye's upper left."""
+        tall = height * FINER
+        wide = max(round(view.aspect * height), 16) * FINER
+        light = unit((0.35 * view.up - 0.35 * view.right + view.towards)[None])[0]
+        depth = np.full(tall * wide, -np.inf)
+        owner = np.full(tall * wide, -1, dtype=np.int32)
+        face, share = np.zeros(tall * wide, dtype=np.int32), np.zeros((tall * wide, 3))
+        for number, surface in enumerate(surfaces):
+            _draw(surface, view, (wide, tall), depth, owner, face, share, number)
+        parts = []
+        for number, surface in enumerate(surfaces):
+            cells = np.flatnonzero(owner == number)
+            faces, shares = face[cells], share[cells]
+            normal = unit(_mixed(surface.vertex_normals, surface.faces[faces], shares))
+            parts.append((surface, cells, faces, shares, 0.30 + 0.70 * np.abs(normal @ light)))
+        return cls((tall, wide), tuple(parts))
+
+    def coloured(self, colours: Sequence[Colours]) -> bytes:
+        """Return a PNG on white; `colours` of each surface as in `Shown`."""
+        tall, wide = self.shape
+        image = np.ones((tall * wide, 3))
+        for (surface, cells, faces, shares, brightness), given in zip(self.parts, colours, strict=True):
+            ink = np.asarray(given, dtype=np.float64)
+            by_vertex = ink.shape == surface.vertices.shape and ink.ndim == 2
+            ink = linear(np.broadcast_to(ink, (1, 3)) if ink.ndim == 1 else ink)
+            if by_vertex:
+                ink = _mixed(ink, surface.faces[faces], shares)
+            elif len(ink) > 1:
+                ink = ink[faces]
+            image[cells] = ink * brightness[:, None]
+        fine = image.reshape(tall // FINER, FINER, wide // FINER, FINER, 3)
+        small = np.asarray(sum(fine[:, k, :, m] for k in range(FINER) for m in range(FINER))) / FINER**2
+        return png(np.clip(np.rint(255 * from_linear(small)), 0, 255).astype(np.uint8))
+
+
+def picture(shown: Sequence[Shown], view: View, height: int = 480) -> bytes:
     """Return a PNG of surfaces on white, lit from the eye's upper left."""
-    tall = height * FINER
-    wide = max(round(view.aspect * height), 16) * FINER
-    depth = np.full(tall * wide, -np.inf)
-    image = np.ones((tall * wide, 3))
-    light = unit((0.35 * view.up - 0.35 * view.right + view.towards)[None])[0]
-    for one in shown:
-        _draw(one, view, light, depth, image, wide, tall)
-    small = image.reshape(height, FINER, wide // FINER, FINER, 3).mean(axis=(1, 3))
-    curved = np.where(small <= 0.0031308, 12.92 * small, 1.055 * np.maximum(small, 1e-9) ** (1 / 2.4) - 0.055)
-    return png(np.clip(np.rint(255 * curved), 0, 255).astype(np.uint8))
+    return Look.of([one.surface for one in shown], view, height).coloured([one.colours for one in shown])
 
 
-def _draw(one: Shown, view: View, light: Float, depth: Float, image: Float, wide: int, tall: int) -> None:
-    surface = one.surface
+def _draw(
+    surface: Surface,
+    view: View,
+    size: tuple[int, int],
+    depth: Float,
+    owner: Int,
+    face: Int,
+    share: Float,
+    number: int,
+) -> None:
+    """Write a surface into the samples in which it is nearer than what was drawn before."""
+    wide, tall = size
     centred = surface.vertices - view.centre
     factor = tall / (2.0 * view.scale)
     flat = np.column_stack((centred @ view.right * factor + wide / 2, tall / 2 - centred @ view.up * factor))
-    nearness = centred @ view.towards
-    normals = surface.vertex_normals
-    colours = np.asarray(one.colours, dtype=np.float64)
-    by_vertex = colours.shape == surface.vertices.shape and colours.ndim == 2
-    colours = linear(np.broadcast_to(colours, (1, 3)) if colours.ndim == 1 else colours)
-    for cell, face, share in fragments(flat[surface.faces], wide, tall):
-        corners = surface.faces[face]
-        near = np.einsum("kc,kc->k", share, nearness[corners])
-        order = np.argsort(near, kind="stable")  # of several in one cell the nearest is written last
-        order = order[near[order] > depth[cell[order]]]
-        cell, face, share, near, corners = cell[order], face[order], share[order], near[order], corners[order]
-        normal = unit(np.einsum("kc,kcd->kd", share, normals[corners]))
-        facing = np.abs(normal @ light)
-        if by_vertex:
-            colour = np.einsum("kc,kcd->kd", share, colours[corners])
-        else:
-            colour = colours[face] if len(colours) > 1 else colours
-        depth[cell] = near
-        image[cell] = colour * (0.30 + 0.70 * facing)[:, None]
+    nearness = (centred @ view.towards)[surface.faces]
+    for cells, faces, shares in fragments(flat[surface.faces], wide, tall):
+        near = np.einsum("kc,kc->k", shares, nearness[faces])
+        left = np.flatnonzero(near > depth[cells])
+        while len(left):  # of several in one sample the last is written: the nearer ones come again
+            at = cells[left]
+            depth[at], owner[at], face[at], share[at] = near[left], number, faces[left], shares[left]
+            left = left[near[left] > depth[at]]
+
+
+def _mixed(values: Float, corners: Int, shares: Float) -> Float:
+    """Return values (n, 3) of vertices, between the corners (k, 3) of faces by their shares (k, 3)."""
+    out: Float = shares[:, :1] * values.take(corners[:, 0], axis=0)
+    for k in (1, 2):
+        out += shares[:, k, None] * values.take(corners[:, k], axis=0)
+    return out
 
 
 def png(pixels: NDArray[np.uint8]) -> bytes:
@@ -129,5 +182,5 @@ def png(pixels: NDArray[np.uint8]) -> bytes:
         return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    body = zlib.compress(rows.tobytes(), 9)
+    body = zlib.compress(rows.tobytes(), 6)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")

@@ -86,6 +86,11 @@ def parse(data: bytes) -> tuple[Float, Int, Int, Template]:
     return template.vertices, sizes.astype(np.int32), corners.astype(np.int32), template
 
 
+def called(index: int) -> str:
+    """Return what a PLY file calls a vertex: faces count from 0."""
+    return f"vertex {index}, counted from 0"
+
+
 def _header(data: bytes) -> tuple[str, list[Element], int]:
     """Return (byte order, elements, where the rows begin)."""
     if re.match(rb"ply[ \t]*\r?\n", data) is None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 Progress = Callable[[float, str], None]
@@ -24,6 +24,12 @@ class FemorsError(ValueError):
 
 class Cancelled(Exception):
     """Raised out of `Progress` when the user has cancelled; nothing is left half done."""
+
+
+def listed(names: Iterable[str], most: int = 6) -> str:
+    """Return names, or other words, for a message: the first ones where there are many."""
+    every = list(names)
+    return ", ".join(every[:most]) + (", ..." if len(every) > most else "")
 
 
 def silent(fraction: float, text: str) -> None:

@@ -9,7 +9,9 @@ import numpy as np
 
 from .mesh import Float, Int
 
-CELLS = 1_500_000  # grid points tried at a time: about 100 MB of temporaries
+CELLS = 100_000  # grid points tried at a time: temporaries that stay in a processor's cache
+SIZES = np.array([1, 2, 3, 4, 6, 8, 12, 16] + [2**k for k in range(5, 31)])
+"""Sides of the grids on which triangles of like size are tried together."""
 
 
 def fragments(corners: Float, width: int, height: int) -> Iterator[tuple[Int, Int, Float]]:
@@ -30,14 +32,21 @@ def fragments(corners: Float, width: int, height: int) -> Iterator[tuple[Int, In
     area = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
     hit = np.flatnonzero((extent > 0).all(axis=1) & (area != 0))
     # triangles of like size are tried together, on a grid that is large enough for all of them
-    octave = np.ceil(np.log2(np.maximum(extent[hit], 1))).astype(np.int64)
-    key = octave[:, 0] * 64 + octave[:, 1]
-    for value in np.unique(key):
-        across, down = 2 ** (value // 64), 2 ** (value % 64)
-        members = hit[key == value]
-        step = max(int(CELLS // (across * down)), 1)
+    kind = np.searchsorted(SIZES, extent[hit])
+    key = kind[:, 0] * 64 + kind[:, 1]
+    order = np.argsort(key, kind="stable")
+    ends = np.flatnonzero(np.diff(key[order], append=-1)) + 1  # no key is -1
+    for alike in np.split(order, ends[:-1]):
+        if not len(alike):
+            continue  # no triangle is on the grid
+        members = hit[alike]
+        across, down = (int(SIZES[k]) for k in kind[alike[0]])
+        step = max(CELLS // (across * down), 1)
         for start in range(0, len(members), step):
-            yield from _tried(corners, area, low, high, members[start : start + step], across, down, width)
+            faces = members[start : start + step]
+            yield from _tried(
+                corners[faces], area[faces], low[faces], high[faces], faces, across, down, width
+            )
 
 
 def _tried(
@@ -50,21 +59,25 @@ def _tried(
     down: int,
     width: int,
 ) -> Iterator[tuple[Int, Int, Float]]:
-    dy, dx = np.divmod(np.arange(across * down), across)
-    x, y = low[faces, :1] + dx, low[faces, 1:] + dy
-    inside = (x <= high[faces, :1]) & (y <= high[faces, 1:])
-    row, cell = np.nonzero(inside)
-    x, y, face = x[row, cell], y[row, cell], faces[row]
-    point = np.column_stack((x, y)) + 0.5
-    a, b, c = (corners[face, k] for k in range(3))
-    share = np.column_stack((_twice(point, b, c), _twice(a, point, c), _twice(a, b, point)))
-    share /= area[face][:, None]
-    kept = (share >= 0).all(axis=1)
-    if kept.any():
-        yield (y * width + x)[kept], face[kept].astype(np.int32), share[kept]
+    """Try triangles (k, 3, 2) on grids of `down` rows from their lower corners `low`.
 
-
-def _twice(a: Float, b: Float, c: Float) -> Float:
-    """Twice the signed area of triangles (k, 2)."""
-    out: Float = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    return out
+    A share is twice the area of a point and two corners, a difference of two products. Where a corner has
+    part in both factors, the product goes by column or by row alone.
+    """
+    column = low[:, 0, None, None] + np.arange(across)
+    row = low[:, 1, None, None] + np.arange(down)[:, None]
+    x, y = column + 0.5, row + 0.5
+    ax, ay, bx, by, cx, cy = (corners[:, k, d, None, None] for k in range(3) for d in range(2))
+    sign = np.sign(area)[:, None, None]
+    one: Float = (sign * (bx - x)) * (cy - y) - (sign * (by - y)) * (cx - x)
+    two: Float = (sign * (x - ax)) * (cy - ay) - (sign * (y - ay)) * (cx - ax)
+    three: Float = (sign * (bx - ax)) * (y - ay) - (sign * (by - ay)) * (x - ax)
+    within = (column <= high[:, 0, None, None]) & (row <= high[:, 1, None, None])
+    kept = np.flatnonzero(within & (one >= 0) & (two >= 0) & (three >= 0))
+    if not len(kept):
+        return
+    which, place = np.divmod(kept, across * down)
+    dy, dx = np.divmod(place, across)
+    shares: Float = np.column_stack((one.ravel()[kept], two.ravel()[kept], three.ravel()[kept]))
+    shares /= np.abs(area[which])[:, None]
+    yield (low[which, 1] + dy) * width + low[which, 0] + dx, faces[which].astype(np.int32), shares

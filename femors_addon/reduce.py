@@ -8,7 +8,8 @@ import threading
 import fast_simplification
 import numpy as np
 
-from .mesh import Surface, clean
+from .cleaning import clean
+from .mesh import Surface
 from .progress import FemorsError
 
 STEP = 50_000

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The end of a morph: nodes onto the target, elements back into shape, no face folded over."""
+"""The end of a morph: nodes onto the target, elements back into shape."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import sparse
@@ -12,8 +9,8 @@ from scipy import sparse
 from . import triples
 from .correspond import FACING, at_border, interpolated_normals
 from .features import FeatureLines
+from .folds import Reference, bad_faces, folded, unfolded
 from .grnn import DisplacementField
-from .intersect import self_intersections
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
@@ -23,15 +20,10 @@ SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
 SHAPE_STEP = 0.8
 FLOOR = 0.02  # weight of a face without distortion, where one that is badly distorted has one
-PATCHES = (1, 1, 2, 2, 3, 3, 4)  # edges around a bad face, one attempt after the other
-FLAT = 1e-3  # height by longest side: a face below it is pressed flat
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
-
-_REFERENCES: WeakKeyDictionary[Surface, tuple[Float, Float]] = WeakKeyDictionary()
-"""Facing and slimness of the faces of surfaces that others are compared with."""
 
 
 def averaging(surface: Surface) -> sparse.csr_matrix:
@@ -139,48 +131,24 @@ def _normalised(vector: list[Float]) -> tuple[Float, list[Float]]:
     return length, [x * scale for x in vector]
 
 
-def folded(reference: Surface, moved: Surface) -> Int:
-    """Faces folded over or pressed flat, or about to be, in `moved`, but not in `reference`.
-
-    A face folds over against its own surroundings. It is pressed flat where nodes come to lie on one
-    point or line, as they may where a coarse target has a corner.
-    """
-    if reference not in _REFERENCES:  # it is asked of again and again while faces are mended
-        _REFERENCES[reference] = _facing(reference), _slimness(reference)
-    before, slim = _REFERENCES[reference]
-    over = (before > 0) & (_facing(moved) < np.minimum(0.05, 0.5 * before))
-    flat = (_slimness(moved) < FLAT) & (slim >= FLAT)
-    return np.flatnonzero(over | flat).astype(np.int32)
-
-
-def _slimness(surface: Surface) -> Float:
-    """Height over longest side (m,) of each face; 0 without a side."""
-    longest = triples.longest_squared(surface.corners)
-    return 2.0 * surface.face_areas / np.maximum(longest, np.finfo(float).tiny)
-
-
-def _facing(surface: Surface) -> Float:
-    """Cosine (m,) between a face's normal and the mean of the normals at its corners."""
-    around = triples.total(surface.vertex_normals.take(surface.faces, axis=0))
-    return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around))
-
-
 def settle(
     rest: Surface,
-    aligned: Surface,
+    reference: Reference,
     displacement: Float,
     target: SurfaceIndex,
     free: Float | None,
     settings: MorphSettings,
     progress: Progress,
     watch: Preview = unseen,
-) -> tuple[Float, int, Float]:
+) -> tuple[Float, Int, Float]:
     """Lay the dense mesh onto the target with well-shaped elements.
 
     Parameters
     ----------
-    rest, aligned : Surface
-        The source as it was, for the shapes of its elements, and as the displacement starts from.
+    rest : Surface
+        The source as it was, for the shapes of its elements.
+    reference : Reference
+        The source as the displacement starts from.
     displacement : (n, 3) float64
         What the iterations have found.
     free : (n,) float64 or None
@@ -191,15 +159,16 @@ def settle(
     Returns
     -------
     displacement : (n, 3) float64
-    left : int
-        Faces that are still folded over or cross others, though they did not in `aligned`.
+    left : (k,) int32
+        Faces that are still folded over or cross others, though they did not in the reference.
     landed : (n, 3) float64
         Where on the target each node was laid last; NaN for those that were not.
     """
     matching, lines = ShapeMatching(rest), FeatureLines.between(rest, target.surface)
     share = 1.0 if free is None else free[:, None]
+    aligned = reference.surface
     mean = averaging(aligned)
-    displacement = unfolded(aligned, displacement, mean, folded, free)[0]
+    displacement = unfolded(reference, displacement, mean, folded, free)[0]
     rounds = settings.relaxation + (settings.projection > 0)
     landed, found = np.full_like(displacement, np.nan), None
     for number in range(rounds):
@@ -217,7 +186,7 @@ def settle(
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
     progress(rounds / (rounds + 1), "checking for folded faces")
-    displacement, left = unfolded(aligned, displacement, mean, bad_faces, free)
+    displacement, left = unfolded(reference, displacement, mean, bad_faces, free)
     return displacement, left, landed
 
 
@@ -284,67 +253,3 @@ def _to_target(
     landed = np.where(kept[:, None] & fresh, found.point, np.nan)
     landed[nodes] = points
     return step, landed
-
-
-def bad_faces(reference: Surface, moved: Surface) -> Int:
-    """Faces folded over or crossing others in `moved`, though not in `reference`."""
-    crossing = np.unique(self_intersections(moved))
-    if len(crossing):
-        crossing = np.setdiff1d(crossing, np.unique(self_intersections(reference)))
-    return np.union1d(folded(reference, moved), crossing).astype(np.int32)
-
-
-def unfolded(
-    reference: Surface,
-    displacement: Float,
-    mean: sparse.csr_matrix,
-    judge: Callable[[Surface, Surface], Int],
-    free: Float | None = None,
-) -> tuple[Float, int]:
-    """Mend faces that fold over or cross others, by as little as helps.
-
-    Around each bad face the displacement is replaced by the harmonic one that its surroundings ask
-    for, in a patch that grows until the face is well: far enough out, the patch moves as one.
-    `judge` names the bad faces of a reference and a moved surface; where folds alone do not end it, it
-    is asked once they are gone: `bad_faces` costs more than `folded`. Nodes whose `free` is 0 stay.
-
-    Returns
-    -------
-    displacement : (n, 3) float64
-        The best state met: with the fewest folds, then with the fewest bad faces.
-    left : int
-        Bad faces in it, as `judge` counts them.
-    """
-    best, left, current = displacement, -1, displacement
-    fewest = (len(reference.faces) + 1, 0)
-    for rings in (*PATCHES, 0):
-        moved = reference.moved(reference.vertices + current)
-        faces = folded(reference, moved)
-        folds, judged = len(faces), not len(faces) or not rings
-        if judged:
-            faces = judge(reference, moved)
-        if (folds, len(faces)) < fewest:
-            best, left, fewest = current, len(faces) if judged else -1, (folds, len(faces))
-        if not len(faces) or not rings:
-            break
-        current = _harmonic(current, reference.faces[faces].ravel(), mean, rings, free)
-    if left < 0:  # only its folds are known
-        left = len(judge(reference, reference.moved(reference.vertices + best)))
-    return best, left
-
-
-def _harmonic(
-    displacement: Float, nodes: Int, mean: sparse.csr_matrix, rings: int, free: Float | None
-) -> Float:
-    """Replace the displacement within `rings` edges of the nodes by the mean of its neighbours."""
-    inside = np.zeros(len(displacement), dtype=bool)
-    inside[nodes] = True
-    for _ in range(rings - 1):
-        inside |= mean @ inside.astype(float) > 0
-    if free is not None:
-        inside &= free > 0
-    rows = mean[np.flatnonzero(inside)]
-    out = displacement.copy()
-    for _ in range(4 * rings * rings):
-        out[inside] = rows @ out
-    return out

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .colours import DIVERGING, painted, span
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
-from .picture import BONE, Shown, View, picture, views
+from .picture import BONE, Colours, Look, views
 from .plots import bar, histogram
 from .quality import aspect_ratio
 from .quantities import QUANTITIES, triangle_jacobians
@@ -45,14 +45,18 @@ def morph_figures(
     sights = views(every)
     items: list[Item] = []
     parts = ((aligned, SOURCE, "Source, aligned"), (target, TARGET, "Target"), (morphed, BONE, "Result"))
+    looks = {}
     for surface, colour, name in parts:
         if surface is not None:
-            items += _from_all([Shown(surface, colour)], sights, name)
-    items += heat_pictures(morphed, values, sights, unit)
+            looks[name] = [Look.of([surface], sight) for sight in sights]
+            items += from_all(looks[name], [colour], name)
+    items += heat_pictures(morphed, values, looks["Result"], unit)
     distances: dict[str, Float] = {}
     if target is not None:
         far = SurfaceIndex(morphed).closest(target.vertices).distance
-        items += _heat(target, far, sights, with_unit("Distance of the target from the result", unit))
+        items += _heat(
+            target, far, looks["Target"], with_unit("Distance of the target from the result", unit)
+        )
         used = np.unique(target.faces)
         if aligned is not None:
             distances["source, aligned"] = SurfaceIndex(aligned).closest(target.vertices[used]).distance
@@ -81,10 +85,12 @@ def mesh_figures(
 ) -> list[Section]:
     """Return the sections "Pictures" and "Distributions" of one mesh, beside another where there is one."""
     sights = views([surface] if other is None else [surface, other])
-    items: list[Item] = _from_all([Shown(surface, BONE)], sights, "Mesh")
+    looks = [Look.of([surface], sight) for sight in sights]
+    items: list[Item] = from_all(looks, [BONE], "Mesh")
     if other is not None:
-        items += _from_all([Shown(surface, BONE), Shown(other, TARGET)], sights, "With the other mesh (blue)")
-    items += heat_pictures(surface, values, sights, unit)
+        both = [Look.of([surface, other], sight) for sight in sights]
+        items += from_all(both, [BONE, TARGET], "With the other mesh (blue)")
+    items += heat_pictures(surface, values, looks, unit)
     plots = [
         (histogram({"": aspect_ratio(surface)}, "aspect ratio", "faces"), "Aspect ratio of the faces."),
         (
@@ -98,17 +104,17 @@ def mesh_figures(
 
 
 def heat_pictures(
-    surface: Surface, values: Mapping[str, ArrayLike], sights: list[View], unit: str
+    surface: Surface, values: Mapping[str, ArrayLike], looks: list[Look], unit: str
 ) -> list[Item]:
-    """Return, for each quantity, the surface coloured by it in all views, and the legend."""
+    """Return, for each quantity, the surface coloured by it in all looks at it, and the legend."""
     items: list[Item] = []
     for key, label in _labels(values, unit):
-        items += _heat(surface, values[key], sights, label, QUANTITIES[key].signed)
+        items += _heat(surface, values[key], looks, label, QUANTITIES[key].signed)
     return items
 
 
 def _heat(
-    surface: Surface, values: ArrayLike, sights: list[View], label: str, signed: bool = False
+    surface: Surface, values: ArrayLike, looks: list[Look], label: str, signed: bool = False
 ) -> list[Item]:
     """Return a surface coloured by values of its vertices, and the legend; a sentence where all are 0."""
     numbers, least = np.asarray(values, dtype=float), ROUNDING * surface.diagonal
@@ -118,7 +124,7 @@ def _heat(
     low, high = span(numbers, signed, least)
     colours = painted(numbers, low, high, name)
     legend = Figure(bar(name, low, high, label), "Values beyond the ends have the end's colour.")
-    return [*_from_all([Shown(surface, colours)], sights, label), legend]
+    return [*from_all(looks, [colours], label), legend]
 
 
 def _labels(values: Mapping[str, ArrayLike], unit: str) -> list[tuple[str, str]]:
@@ -144,6 +150,7 @@ def with_unit(label: str, unit: str) -> str:
     return f"{label} ({unit or 'in the unit of the meshes'})"
 
 
-def _from_all(shown: list[Shown], sights: list[View], name: str) -> list[Item]:
+def from_all(looks: list[Look], colours: Sequence[Colours], name: str) -> list[Item]:
+    """Return pictures of surfaces in the two views of `picture.views`, and what they are called."""
     words = ("", ", a quarter turn on")
-    return [Figure(picture(shown, sight), name + word) for sight, word in zip(sights, words, strict=True)]
+    return [Figure(look.coloured(colours), name + word) for look, word in zip(looks, words, strict=True)]

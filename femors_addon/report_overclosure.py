@@ -10,9 +10,9 @@ import numpy as np
 from .bodies import Body
 from .mesh import Float, Int, Surface
 from .overclosure_check import gap_map
-from .picture import BONE, Shown, facing, picture, views
+from .picture import BONE, Look, facing, views
 from .plots import histogram
-from .report_figures import SOURCE, TARGET, heat_pictures, with_unit
+from .report_figures import SOURCE, TARGET, from_all, heat_pictures, with_unit
 from .report_html import Figure, Item, Section
 
 NEAREST = 1.0  # per cent of a body's vertices: those nearest another body are to be seen
@@ -43,54 +43,101 @@ def overclosure_figures(
     unit : str
         Of lengths; "" where it is not known.
     """
-    exclude = list(exclude)
     shapes = {body.name: _surface(body) for body in before}
-    sights = views([surface for surface, _ in shapes.values()])
-    reach = max(EDGES * float(np.median([one.mean_edge for one, _ in shapes.values()])), DEEP * deepest)
     states = {"before": {body.name: body.nodes for body in before}}
     if after is not None:
         states["after"] = dict(after)
-    items: list[Item] = []
-    gaps = {}
+    reach = max(EDGES * float(np.median([one.mean_edge for one, _ in shapes.values()])), DEEP * deepest)
+    exclude, gaps = list(exclude), {}
     for state, nodes in states.items():
-        together = []
-        for number, (name, (surface, rows)) in enumerate(shapes.items()):
-            together.append(Shown(surface.moved(nodes[name][rows]), COLOURS[number % len(COLOURS)]))
-        for sight, word in zip(sights, ("", ", a quarter turn on"), strict=True):
-            items.append(Figure(picture(together, sight), f"All bodies {state}{word}"))
         placed = [Body(body.name, body.mesh.moved(nodes[body.name])) for body in before]
         gaps[state] = gap_map(placed, reach, exclude=exclude)
-    near = {name: any((gaps[state][name] < reach).any() for state in states) for name in shapes}
-    moved = {
-        body.name: np.linalg.norm(states.get("after", states["before"])[body.name] - body.nodes, axis=1)
-        for body in before
-    }
-    told = [name for name in shapes if near[name] or moved[name].any()]
-    for name in told[:MOST]:
-        surface, rows = shapes[name]
-        least = np.minimum.reduce([gaps[state][name][rows] for state in states])
-        touching = surface.vertices[least <= np.percentile(least, NEAREST)]
-        own = [facing(sight, [touching]) for sight in views([surface])]
-        if moved[name].any():
-            here = surface.moved(states["after"][name][rows])
-            items.append(f"{name}: how far it was moved.")
-            items += heat_pictures(here, {"displacement": moved[name][rows]}, own, unit)
-        for state, nodes in states.items() if near[name] else ():
-            here = surface.moved(nodes[name][rows])
-            items.append(f"{name}, {state}: gap to the nearest other body; negative inside it.")
-            items += heat_pictures(here, {"gap": gaps[state][name][rows]}, own, unit)
+    items, told = _together(shapes, states), []
+    spread: list[Figure] = []
+    for body in before:
+        surface, rows = shapes[body.name]
+        nodes = {state: places[body.name] for state, places in states.items()}
+        moved = np.linalg.norm(nodes.get("after", body.nodes) - body.nodes, axis=1)
+        gap = {state: values[body.name] for state, values in gaps.items()}
+        near = any((values < reach).any() for values in gap.values())
+        if not (near or moved.any()):
+            continue
+        told.append(body.name)
+        if len(told) <= MOST:
+            places = {state: surface.moved(where[rows]) for state, where in nodes.items()}
+            on = {state: values[rows] for state, values in gap.items()} if near else {}
+            items += _alone(body.name, surface, places, moved[rows], on, unit)
+        spread += _spread(body.name, moved, {state: v[v < reach] for state, v in gap.items()}, unit)
     if len(told) > MOST:
         items.append(f"Pictures of the first {MOST} of {len(told)} bodies that touch others or were moved.")
-    plots = []
-    for name in told:
-        far = moved[name][moved[name] > 0]
-        drawn = histogram({"": far}, with_unit("displacement", unit), "moved nodes")
-        plots.append((drawn, f"{name}: how far its nodes were moved."))
-        close = {state: gaps[state][name][gaps[state][name] < reach] for state in states}
-        drawn = histogram(close, with_unit("gap", unit), "nodes near another body")
-        plots.append((drawn, f"{name}: gap to the nearest other body; negative inside it."))
-    spread = tuple(Figure(drawn, words) for drawn, words in plots if drawn)
-    return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
+    return [Section("Pictures", tuple(items)), Section("Distributions", tuple(spread))]
+
+
+def _together(
+    shapes: Mapping[str, tuple[Surface, Int]], states: Mapping[str, Mapping[str, Float]]
+) -> list[Item]:
+    """Return pictures of all bodies in each state."""
+    sights = views([surface for surface, _ in shapes.values()])
+    colours = [COLOURS[number % len(COLOURS)] for number in range(len(shapes))]
+    items: list[Item] = []
+    for state, nodes in states.items():
+        together = [surface.moved(nodes[name][rows]) for name, (surface, rows) in shapes.items()]
+        looks = [Look.of(together, sight) for sight in sights]
+        items += from_all(looks, colours, f"All bodies {state}")
+    return items
+
+
+def _alone(
+    name: str,
+    surface: Surface,
+    places: Mapping[str, Surface],
+    moved: Float,
+    gaps: Mapping[str, Float],
+    unit: str,
+) -> list[Item]:
+    """Return pictures of a body, seen from where it touches others.
+
+    Parameters
+    ----------
+    surface : Surface
+        As it was given.
+    places : dict of str to Surface
+        In each state.
+    moved : (n,) array
+        How far each vertex was moved.
+    gaps : dict of str to (n,) array
+        To the nearest other body in each state; empty where none is near.
+    """
+    sights = views([surface])
+    if gaps:
+        least = np.minimum.reduce(list(gaps.values()))
+        touching = surface.vertices[least <= np.percentile(least, NEAREST)]
+        sights = [facing(sight, [touching]) for sight in sights]
+    shown = [state for state in places if gaps or state == "after"]
+    looks = {state: [Look.of([places[state]], sight) for sight in sights] for state in shown}
+    items: list[Item] = []
+    if moved.any():
+        items.append(f"{name}: how far it was moved.")
+        items += heat_pictures(places["after"], {"displacement": moved}, looks["after"], unit)
+    for state, gap in gaps.items():
+        items.append(f"{name}, {state}: gap to the nearest other body; negative inside it.")
+        items += heat_pictures(places[state], {"gap": gap}, looks[state], unit)
+    return items
+
+
+def _spread(name: str, moved: Float, close: Mapping[str, Float], unit: str) -> list[Figure]:
+    """Return histograms of how far a body's nodes were moved, and of the gaps of those near another."""
+    plots = (
+        (
+            histogram({"": moved[moved > 0]}, with_unit("displacement", unit), "moved nodes"),
+            f"{name}: how far its nodes were moved.",
+        ),
+        (
+            histogram(close, with_unit("gap", unit), "nodes near another body"),
+            f"{name}: gap to the nearest other body; negative inside it.",
+        ),
+    )
+    return [Figure(drawn, words) for drawn, words in plots if drawn]
 
 
 def _surface(body: Body) -> tuple[Surface, Int]:

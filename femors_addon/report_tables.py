@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from .mesh import MERGED
+from .cleaning import MERGED
 from .plots import curves, number
 from .report_html import Figure, Item, Section, Table, Warnings
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from .carry import FADE
+from .cleaning import clean
 from .landmarks import Prediction
-from .mesh import Float, Surface, clean
+from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .picture import BONE, Shown, facing, picture, views
 from .plots import histogram

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from .morph_settings import MorphSettings
 
@@ -58,68 +60,92 @@ def node_counts(settings: MorphSettings, nodes: int) -> list[int]:
     return [count for count in counts if 20 <= count < 0.9 * nodes]
 
 
+class _Rates(NamedTuple):
+    """What the iterations of a stage have in common."""
+
+    spread_decay: float  # factor from one spread to the next; 0: whatever leads to the last one
+    normal_weight: float  # length that a unit normal stands for in the first iteration
+    normal_decay: float  # factor from one such length to the next; 0: as the root of the spread
+    step_scale: float
+
+
+class _Run(NamedTuple):
+    """A stage in numbers."""
+
+    name: str
+    level: int
+    iterations: int
+    first: float  # spread
+    last: float
+    by_normals: float  # share of the iterations that look at normals, where both ways are mixed
+
+
 def stages(settings: MorphSettings, edges: list[float], size: float) -> list[Stage]:
     """Return the stages of a morph.
 
     Parameters
     ----------
+    settings : MorphSettings
     edges : list of float
         Mean edge length of each level, the larger of source's and target's, coarsest first.
     size : float
         Diagonal of the target's bounding box.
     """
-    dense = len(edges) - 1
-    floor = settings.spread_end
-    weight = settings.normal_weight or NORMALS * size
-    fine_weight = settings.fine_normal_weight or FINE_NORMALS * weight
-    start = settings.spread_start or START * size
+    rates = _rates(settings, size)
+    only = {"surface": 0.0, "nearest": 1.0}.get(settings.correspondence)
     out = []
-
-    def add(name: str, level: int, count: int, first: float, last: float, share: float) -> None:
-        coarse = name == "reduced"
-        decay = {"reduced": settings.spread_decay, "fine": settings.fine_spread_decay}.get(
-            name, settings.dense_spread_decay
-        )
-        spreads = _falling(first, last, count, decay)
-        if settings.correspondence == "surface":
-            share = 0.0
-        elif settings.correspondence == "nearest":
-            share = 1.0
-        base = weight if coarse else fine_weight
-        normal_decay = settings.normal_decay if coarse else settings.fine_normal_decay
-        looks = [
-            base * (normal_decay**i if normal_decay > 0 else (spread / first) ** 0.5)
+    for run in _runs(settings, edges, size):
+        rate, share = rates[run.name], run.by_normals if only is None else only
+        spreads = _falling(run.first, run.last, run.iterations, rate.spread_decay)
+        weights = [
+            rate.normal_weight
+            * (rate.normal_decay**i if rate.normal_decay > 0 else (spread / run.first) ** 0.5)
             for i, spread in enumerate(spreads)
         ]
         iterations = tuple(
-            Iteration(spread, look if i < round(share * count) else None)
-            for i, (spread, look) in enumerate(zip(spreads, looks, strict=True))
-        )
-        scale = {"reduced": settings.step_scale, "fine": settings.fine_step_scale}.get(
-            name, settings.dense_step_scale
+            Iteration(spread, weight if i < round(share * run.iterations) else None)
+            for i, (spread, weight) in enumerate(zip(spreads, weights, strict=True))
         )
         if iterations:
-            out.append(Stage(name, level, scale, iterations))
+            out.append(Stage(run.name, run.level, rate.step_scale, iterations))
+    return out
 
+
+def _rates(settings: MorphSettings, size: float) -> dict[str, _Rates]:
+    """The rates of each kind of stage."""
+    s = settings
+    coarse = s.normal_weight or NORMALS * size
+    fine = s.fine_normal_weight or FINE_NORMALS * coarse
+    return {
+        "reduced": _Rates(s.spread_decay, coarse, s.normal_decay, s.step_scale),
+        "fine": _Rates(s.fine_spread_decay, fine, s.fine_normal_decay, s.fine_step_scale),
+        "dense": _Rates(s.dense_spread_decay, fine, s.fine_normal_decay, s.dense_step_scale),
+    }
+
+
+def _runs(settings: MorphSettings, edges: list[float], size: float) -> Iterator[_Run]:
+    """The stages in order: the coarsest level, the finer ones, the dense mesh (the last of `edges`)."""
+    dense = len(edges) - 1
+    first = settings.spread_start or START * size
+    ends = [max(LEVEL_END * edge, settings.spread_end) for edge in edges]
     if dense > 0 or settings.levels > 0:
-        add("reduced", 0, settings.iterations, start, max(LEVEL_END * edges[0], floor), 1.0)
+        yield _Run("reduced", 0, settings.iterations, first, ends[0], 1.0)
     if dense == 1 and settings.spread_end > 0:
-        add("fine", 0, settings.fine_iterations, settings.spread_end, settings.spread_end, 0.0)
-    for level in range(1, dense):
-        first = RESTART * edges[level - 1]
-        last = max(LEVEL_END * edges[level], floor)
-        count = settings.fine_iterations if level == 1 else -(-settings.fine_iterations // 2 ** (level - 1))
-        add("fine", level, count, max(first, last), last, NORMALS_SHARE)
+        spread = settings.spread_end
+        yield _Run("fine", 0, settings.fine_iterations, spread, spread, 0.0)
+    finer = list(range(1, dense))
     if dense and dense < settings.levels and not settings.spread_decay:
-        # a mesh too small for all the levels has its finer iterations on the dense one
-        first, last = RESTART * edges[dense - 1], max(LEVEL_END * edges[dense], floor)
-        add("fine", dense, settings.fine_iterations, max(first, last), last, NORMALS_SHARE)
+        finer.append(dense)  # a mesh too small for all the levels has its finer iterations on the dense one
+    for level in finer:
+        first = max(RESTART * edges[level - 1], ends[level])
+        halvings = level - 1 if level < dense else 0
+        count = -(-settings.fine_iterations // 2**halvings)
+        yield _Run("fine", level, count, first, ends[level], NORMALS_SHARE)
     last = settings.spread_end or DENSE_END * edges[dense]
     first = RESTART * edges[max(dense - 1, 0)]
     if settings.dense_spread_decay and settings.spread_start:
         first = settings.spread_start
-    add("dense", dense, settings.dense_iterations, max(first, last), last, 0.0)
-    return out
+    yield _Run("dense", dense, settings.dense_iterations, max(first, last), last, 0.0)
 
 
 def _falling(first: float, last: float, count: int, decay: float) -> list[float]:

@@ -71,6 +71,11 @@ def parse(data: bytes) -> tuple[Float, Int, Int, Template]:
     return vertices, sizes, np.arange(len(vertices), dtype=np.int32), template
 
 
+def called(index: int) -> str:
+    """Return how a vertex is found in an STL file, which numbers none."""
+    return f"corner {index % 3 + 1} of triangle {index // 3 + 1}, counted from 1"
+
+
 def _parse_binary(data: bytes) -> tuple[Float, Template]:
     records = np.frombuffer(data, RECORD, offset=HEADER)
     return records["corners"].astype(np.float64), Template(data[:80], records["attribute"].copy())

@@ -13,12 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from . import settings as declared
-from .align import transformed
 from .carry import FADE, Carrier
-from .mesh import Float, Surface, clean
+from .cleaning import clean
+from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, part, silent
 from .transfer_settings import TransferSettings
+from .transforms import mirrors, transformed
 from .volume import VolumeMesh
 from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians
@@ -150,7 +151,7 @@ class Transfer:
             return out
         found = index.closest(out.points[rows])
         normal = index.pseudonormals(found)
-        if index is self._after and self.settings.inverse and np.linalg.det(field.transform[:3, :3]) < 0:
+        if index is self._after and self.settings.inverse and mirrors(field.transform):
             normal = -normal  # the source of a mirrored field is wound inward
         side = np.einsum("ij,ij->i", out.points[rows] - found.point, normal)
         wrong = side * out.distance[rows] < 0
@@ -168,7 +169,7 @@ class Transfer:
         if not mesh.solid:
             return self.points(mesh.nodes, progress)
         field, inverse = self.carrier.field, self.settings.inverse
-        if np.linalg.det(field.transform[:3, :3]) < 0:
+        if mirrors(field.transform):
             raise FemorsError("the field mirrors, which would turn every solid element inside out")
         out = self._carried(mesh.nodes, part(progress, 0.0, 0.6))
         if self._whole:
@@ -208,8 +209,8 @@ class Transfer:
             return np.full(len(points), np.nan)
         index = self._after if self.onto is None else self.onto
         out = index.signed(points)
-        mirrored = np.linalg.det(self.carrier.field.transform[:3, :3]) < 0
-        return -out if self.settings.inverse and self.onto is None and mirrored else out
+        inward = self.settings.inverse and self.onto is None and mirrors(self.carrier.field.transform)
+        return -out if inward else out
 
     # --- words --------------------------------------------------------------------------------
     def _with_words(self, out: Transferred, points: Float) -> Transferred:

@@ -101,3 +101,19 @@ def renumbered(indices: NDArray, count: int) -> tuple[NDArray[np.int32], NDArray
     rank = np.empty(count, dtype=np.int32)
     rank[which] = np.arange(len(which), dtype=np.int32)
     return which, rank[indices]
+
+
+def unique_rows(rows: NDArray) -> tuple[NDArray, NDArray]:
+    """Return (for each different row its first index, for each row which of these it is).
+
+    As ``numpy.unique(axis=0)``, in a fraction of the time, and other threads can run meanwhile.
+    """
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = False
+    for axis in range(rows.shape[1]):
+        new[1:] |= ordered[1:, axis] != ordered[:-1, axis]
+    inverse = np.empty(len(rows), dtype=np.int64)
+    inverse[order] = np.cumsum(new) - 1
+    return order[new], inverse

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,8 @@ from .volume_faces import Block, Ids, Polygons, all_faces, outer_faces
 
 __all__ = ["Block", "Polygons", "VolumeMesh", "carry_mid_nodes", "cut_down"]
 
+
+TOPOLOGY = ("outer", "shells", "mid_nodes", "bodies", "element_ids", "used_nodes")
 
 Sets = Mapping[str, Int]
 
@@ -72,7 +74,7 @@ class VolumeMesh:
         if positions.shape != self.nodes.shape:
             raise ValueError(f"positions of shape {positions.shape}, the mesh has {self.nodes.shape}")
         other = dataclasses.replace(self, nodes=positions)
-        for name in ("outer", "shells", "mid_nodes", "bodies", "element_ids", "used_nodes"):
+        for name in TOPOLOGY:
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
         return other
@@ -93,6 +95,10 @@ class VolumeMesh:
         """(blocks + 1,) index of each block's first element, and the number of elements."""
         return np.cumsum([0, *map(len, self.blocks)]).astype(np.int32)
 
+    def with_starts(self) -> list[tuple[Block, int]]:
+        """Return each block with the index of its first element."""
+        return list(zip(self.blocks, self.starts[:-1].tolist(), strict=True))
+
     @property
     def solid(self) -> bool:
         """Whether there are solid elements."""
@@ -101,10 +107,7 @@ class VolumeMesh:
     @cached_property
     def used_nodes(self) -> Int:
         """(u,) the nodes that elements name, ascending."""
-        used = np.zeros(len(self.nodes), dtype=bool)
-        for block in self.blocks:
-            used[block.nodes] = True
-        return np.flatnonzero(used).astype(np.int32)
+        return _used(self.blocks, len(self.nodes))
 
     @cached_property
     def mid_nodes(self) -> Int:
@@ -140,16 +143,13 @@ class VolumeMesh:
     @cached_property
     def outer(self) -> Polygons:
         """The faces that belong to exactly one solid element."""
-        solids = [(block, start) for block, start in self._with_starts() if block.shape.solid]
+        solids = [(block, start) for block, start in self.with_starts() if block.shape.solid]
         return outer_faces(solids, len(self.nodes))
 
     @cached_property
     def shells(self) -> Polygons:
         """The shell elements themselves."""
-        return all_faces([(block, start) for block, start in self._with_starts() if not block.shape.solid])
-
-    def _with_starts(self) -> list[tuple[Block, int]]:
-        return list(zip(self.blocks, self.starts[:-1].tolist(), strict=True))
+        return all_faces([(block, start) for block, start in self.with_starts() if not block.shape.solid])
 
     @property
     def boundary(self) -> Polygons:
@@ -180,14 +180,11 @@ class VolumeMesh:
         keep = np.zeros(self.element_count, dtype=bool)
         keep[np.asarray(elements, dtype=np.int64)] = True
         blocks = []
-        for block, start in self._with_starts():
+        for block, start in self.with_starts():
             mine = keep[start : start + len(block)]
             if mine.any():
                 blocks.append(dataclasses.replace(block, nodes=block.nodes[mine], ids=block.ids[mine]))
-        used = np.zeros(len(self.nodes), dtype=bool)
-        for block in blocks:
-            used[block.nodes] = True
-        nodes = np.flatnonzero(used).astype(np.int32)
+        nodes = _used(blocks, len(self.nodes))
         renumbered = [
             dataclasses.replace(block, nodes=np.searchsorted(nodes, block.nodes)) for block in blocks
         ]
@@ -203,6 +200,14 @@ class VolumeMesh:
             ),
             nodes,
         )
+
+
+def _used(blocks: Iterable[Block], count: int) -> Int:
+    """The nodes (u,) that blocks name, of so many, ascending."""
+    used = np.zeros(count, dtype=bool)
+    for block in blocks:
+        used[block.nodes] = True
+    return np.flatnonzero(used).astype(np.int32)
 
 
 def cut_down(sets: Sets, kept: Int) -> dict[str, Int]:

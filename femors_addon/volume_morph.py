@@ -15,16 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .align import transformed
+from .cleaning import clean
 from .grnn import DisplacementField
 from .interior import harmonic, stiffness
-from .mesh import Float, Int, Surface, clean
+from .mesh import Float, Int, Surface
 from .morph import morph
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Preview, Progress, part, silent
 from .quality import compare
+from .transforms import mirrors, transformed
 from .volume import Ids, VolumeMesh, carry_mid_nodes
 from .volume_quality import VolumeQuality, scaled_jacobians
 from .volume_shapes import reshaped
@@ -118,6 +119,9 @@ def morph_volume(
     target: Surface,
     settings: MorphSettings | None = None,
     progress: Progress = silent,
+    *,
+    weights: ArrayLike | None = None,
+    preview: Preview | None = None,
     **options: Any,
 ) -> VolumeMorphResult:
     """Morph a mesh of solid elements onto a target surface.
@@ -129,9 +133,12 @@ def morph_volume(
     target : Surface
     settings : MorphSettings, optional
     progress : Progress
+    weights : (n,) array, optional
+        Of all nodes, from 0 to 1: how far each may follow.
+    preview : Preview, optional
+        Given all nodes (n, 3), those inside where they were.
     **options
-        As for `morph.morph`; ``weights`` are of the nodes, shape (n,), and ``preview`` is given all nodes,
-        those inside where they were.
+        As for `morph.morph`.
 
     Raises
     ------
@@ -144,28 +151,26 @@ def morph_volume(
         raise FemorsError("the source has no solid elements; morph its surface instead")
     surface, at = mesh.surface()
     kept = at  # nodes that the interior does not move: the surface's, and those of no weight
-    if options.get("weights") is not None:
-        weights = np.asarray(options["weights"], dtype=float).ravel()
+    if weights is not None:
+        weights = np.asarray(weights, dtype=float).ravel()
         if len(weights) != len(mesh.nodes):
             raise FemorsError(f"weights must be {len(mesh.nodes)} numbers, one for each node")
         options["weights"] = weights[at]
         kept = np.union1d(at, np.flatnonzero(weights == 0)).astype(np.int32)
-    if options.get("preview") is not None:
-        options["preview"] = at_nodes(options["preview"], mesh.nodes, at)
+    if preview is not None:
+        options["preview"] = at_nodes(preview, mesh.nodes, at)
     result = morph(surface, target, settings, part(progress, 0.0, 0.7), **options)
-    if np.linalg.det(result.transform[:3, :3]) < 0:
+    if mirrors(result.transform):
         raise FemorsError(
             "a mirror image would turn every element inside out; mirror the target instead, or take another"
         )
     jacobian = scaled_jacobians(mesh)
     valid = jacobian > 0
     aligned = mesh.moved(transformed(result.transform, mesh.nodes))
-    goal = aligned.nodes.copy()
-    goal[at] = result.vertices
     progress(0.7, "volume: interior")
-    goal = _with_interior(aligned, goal, at, kept, surface.mean_edge)
+    goal = _with_interior(aligned, result.vertices, at, kept, surface.mean_edge)
     progress(0.8, "volume: element shapes")
-    laid_on = settings.projection == 1.0 and settings.partial == "none" and options.get("weights") is None
+    laid_on = settings.projection == 1.0 and settings.partial == "none" and weights is None
     index = SurfaceIndex(target) if laid_on else None
     goal = reshaped(mesh, goal, kept, jacobian, index, part(progress, 0.8, 0.9))
     progress(0.9, "volume: no element inverted")
@@ -223,8 +228,10 @@ def _as_it_ended(result: MorphResult, surface: Surface, target: Surface, vertice
 
 
 # --- interior ---------------------------------------------------------------------------------------
-def _with_interior(aligned: VolumeMesh, goal: Float, at: Int, kept: Int, edge: float) -> Float:
-    """Return `goal` (n, 3) with all nodes but those `kept` moved by the harmonic extension."""
+def _with_interior(aligned: VolumeMesh, outer: Float, at: Int, kept: Int, edge: float) -> Float:
+    """All nodes (n, 3): those `at` the surface go to `outer`, all but those `kept` follow harmonically."""
+    goal = aligned.nodes.copy()
+    goal[at] = outer
     displacement = goal - aligned.nodes
     inside = np.ones(len(goal), dtype=bool)
     inside[kept] = False

@@ -100,7 +100,7 @@ class VolumeQuality:
 
 def _by_chunks(mesh: VolumeMesh, measure: Any, shell: float) -> Float:
     out = np.full(mesh.element_count, shell)
-    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+    for block, start in mesh.with_starts():
         if not block.shape.solid:
             continue
         for first in range(0, len(block), CHUNK):

@@ -107,9 +107,7 @@ class _Judge:
 def _tuned(mesh: VolumeMesh, judge: _Judge, held: _Holder, progress: Progress) -> Float:
     """Move the nodes of the worst elements down the gradient of what these and their neighbours lack."""
     nodes = judge.best
-    one, two = mesh.surface()[0].edges.T
-    surface = mesh.surface()[0].vertices
-    edge = float(np.linalg.norm(surface[one] - surface[two], axis=1).mean())
+    edge = mesh.surface()[0].mean_edge
     stride = 0
     for number in range(TUNE_ROUNDS):
         progress(0.5 + 0.5 * number / TUNE_ROUNDS, f"volume: worst elements, round {number + 1}")
@@ -136,10 +134,10 @@ def _slope(mesh: VolumeMesh, nodes: Float, worst: Int, reference: Float, nudge: 
     """Gradient (n, 3), at the corners of the worst elements, of the sum of squares of what elements lack."""
     out = np.zeros_like(nodes)
     touched = np.zeros(len(nodes), dtype=bool)
-    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+    for block, start in mesh.with_starts():
         mine = worst[(worst >= start) & (worst < start + len(block))] - start
         touched[block.nodes[mine, : block.shape.corners]] = True
-    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+    for block, start in mesh.with_starts():
         if block.shape.solid:
             _add_slopes(out, block, nodes, touched, reference[start : start + len(block)], nudge)
     return out
@@ -168,7 +166,7 @@ def _add_slopes(
 def _shape_moves(mesh: VolumeMesh, nodes: Float, elements: Int, weight: Float) -> Float:
     """Moves (n, 3) of the nodes of some elements towards the similarity images of their source shapes."""
     total, shared = np.zeros_like(nodes), np.zeros(len(nodes))
-    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
+    for block, start in mesh.with_starts():
         mine = (elements >= start) & (elements < start + len(block)) & block.shape.solid
         corners = block.nodes[elements[mine] - start, : block.shape.corners]
         rest, here = mesh.nodes[corners], nodes[corners]

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .deck import Deck, Load, Part
-from .files import read_bytes
+from .deck import Deck, Load, OneFile, Part
+from .files import read_bytes, require_finite
 from .mesh import Float, Int
 from .progress import FemorsError
 from .volume import Block, VolumeMesh
@@ -38,7 +38,7 @@ _DATA = {"POINT_DATA", "CELL_DATA"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Template:
+class Template(OneFile):
     """A file, where its coordinates stand, and what they are."""
 
     path: Path
@@ -48,14 +48,6 @@ class Template:
     dtype: str
     text: bool
     nodes: Float
-
-    def inputs(self) -> list[Path]:
-        """Return the file that was read."""
-        return [self.path]
-
-    def outputs(self, nodes: Float, path: Path) -> dict[Path, bytes]:
-        """Return the file by its path."""
-        return {path: self.encoded(nodes)}
 
     def encoded(self, nodes: Float) -> bytes:
         """Return the file's bytes with the coordinates that changed."""
@@ -92,6 +84,7 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
             raise FemorsError("has no POINTS or no POLYGONS; a surface is needed")
         start, stop, dtype = reader.points
         nodes = reader.numbers(start, stop, dtype).astype(np.float64).reshape(-1, 3)
+        require_finite(nodes, "points", called)
         blocks = _blocks(*polygons, len(nodes))
         mesh = VolumeMesh(nodes, tuple(blocks), np.arange(1, len(nodes) + 1))
     except FemorsError as error:
@@ -99,6 +92,11 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     part = Part(path.stem, mesh.used_nodes, np.arange(mesh.element_count, dtype=np.int32))
     template = Template(path, data, start, stop, dtype, reader.text, mesh.nodes)
     return Deck(path, ".vtk", mesh, {path.stem: part}, template)
+
+
+def called(index: int) -> str:
+    """Return what a VTK file calls a point: cells count from 0."""
+    return f"point {index}, counted from 0"
 
 
 def _blocks(offsets: NDArray[np.int64], corners: NDArray[np.int64], count: int) -> list[Block]:

@@ -7,9 +7,10 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from .align import transformed
-from .mesh import Cleaned, Float, Surface
+from .cleaning import Cleaned
+from .mesh import Float, Surface
 from .progress import Preview
+from .transforms import transformed
 
 NEIGHBOURS = 6  # reduced nodes that a dense node follows
 

@@ -222,7 +222,7 @@ class Model:
 
     def held(self, local: Array) -> Body:
         """Return the body as Blender will have it: with local positions in single precision."""
-        from ..femors_addon.align import transformed
+        from ..femors_addon.transforms import transformed
 
         rounded = local[self.rows].astype(np.float32).astype(np.float64)
         nodes = transformed(self.shot.seen.matrix, rounded)
@@ -261,9 +261,9 @@ def models(shots: list[BodyShot]) -> list[Model]:
 
 
 def _model(one: BodyShot, deck: Deck | None) -> Model:
-    from ..femors_addon.align import transformed
     from ..femors_addon.bodies import Body
     from ..femors_addon.mesh import Surface
+    from ..femors_addon.transforms import transformed
 
     matrix = one.seen.matrix
     mirrored = np.linalg.det(matrix[:3, :3]) < 0

@@ -94,9 +94,9 @@ def morph(
     preview: Preview | None = None,
 ) -> PartMorph:
     """Morph a part onto a target in world coordinates; a pure function, for the worker."""
-    from ..femors_addon.align import transformed
     from ..femors_addon.deck_morph import morph_part
     from ..femors_addon.nearest import SurfaceIndex
+    from ..femors_addon.transforms import transformed
     from ..femors_addon.volume_morph import VolumeMorphResult
 
     deck = deck_store.unpacked(source.archive)

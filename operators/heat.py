@@ -9,18 +9,17 @@ from typing import Any, ClassVar
 import bpy
 
 from ..femors_addon.progress import FemorsError
-from . import deck_scene, deck_store, dependencies, heat_form, scene
+from . import deck_store, dependencies, heat_form, scene
+from .heat_shading import SHADING, redraw, shade, unshade
+from .heat_values import values_of
 from .lazy import Array, np
 
 COLOURS = "femors_heat"
 """Name of the colour attribute, and of the note on a mesh that says what it shows."""
 BEFORE = "femors_heat_before"
 """Name of the note on a mesh: its active colour attribute from before, or ""."""
-SHADING = "femors_shading"
-"""Name of the note on a screen: how its viewports were shaded."""
 ROUNDING = 1e-5
 """Of an object's size: differences below this are not spread over all colours."""
-REMEMBERED = ("type", "color_type", "show_specular_highlight")
 
 CHOICES = (
     ("surface_distance", "Distance to Target", "From each vertex to the surface it was morphed onto"),
@@ -86,85 +85,6 @@ def shown(item: bpy.types.Object | None) -> dict[str, Any] | None:
         return None
     note = item.data.get(COLOURS)
     return None if note is None else dict(note)
-
-
-def values_of(item: bpy.types.Object, key: str, other: bpy.types.Object | None = None) -> Array:
-    """Return a quantity of an object's mesh: by vertex, or by polygon where faces have it.
-
-    Raises
-    ------
-    FemorsError
-        The mesh has not got it.
-    """
-    from ..femors_addon.quantities import QUANTITIES
-
-    quantity, mesh = QUANTITIES[key], item.data
-    if key == "scaled_jacobian" and deck_store.is_part(item):
-        return _of_elements(item)
-    if quantity.of_faces:
-        return _of_faces(item, key)
-    attribute = mesh.attributes.get(quantity.attribute)
-    if attribute is not None and (attribute.data_type, attribute.domain) == ("FLOAT", "POINT"):
-        out = np.empty(len(mesh.vertices), dtype=np.float32)
-        attribute.data.foreach_get("value", out)
-        return out
-    if key == "gap" and other is not None and other != item:
-        return _gap(item, other)
-    hint = {
-        "gap": "choose another mesh under Compare with, or remove an overclosure first",
-        "surface_distance": "it comes with a morph's result: select that",
-        "displacement": "it comes with a morph's result: select that",
-    }[key]
-    raise FemorsError(f"'{item.name}' has no {quantity.label.lower()} to be shown: {hint}")
-
-
-def _world(item: bpy.types.Object) -> Array:
-    positions = np.empty(3 * len(item.data.vertices), dtype=np.float32)
-    item.data.vertices.foreach_get("co", positions)
-    matrix = np.array(item.matrix_world, dtype=np.float64)
-    return positions.reshape(-1, 3).astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-
-
-def surface_of(item: bpy.types.Object) -> tuple[Any, Array]:
-    """Return an object's surface in world coordinates, and the polygon of each of its triangles."""
-    from ..femors_addon.mesh import Surface, triangulate
-
-    triangles, polygon = triangulate(*scene.polygons(item.data))
-    return Surface(_world(item), triangles), polygon
-
-
-def _of_faces(item: bpy.types.Object, key: str) -> Array:
-    from ..femors_addon.quantities import of_shape, worst
-
-    surface, polygon = surface_of(item)
-    return worst(key, of_shape(key, surface), polygon, len(item.data.polygons))
-
-
-def _of_elements(item: bpy.types.Object) -> Array:
-    """Return the worst scaled Jacobian of the elements at each vertex of a part of a deck."""
-    from ..femors_addon.volume_quality import scaled_jacobians
-
-    deck, shot = deck_store.unpacked(deck_store.archive_of(item)), deck_scene.shot(item)
-    part, vertex = shot.of(deck), shot.vertices(deck)
-    coordinates = np.array(deck.coordinates)
-    coordinates[part.nodes] = shot.nodes(deck)
-    mesh, nodes = deck.with_coordinates(coordinates).submesh(part)
-    jacobians, worst = scaled_jacobians(mesh), np.ones(len(coordinates))
-    for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True):
-        values = np.repeat(jacobians[start : start + len(block)], block.nodes.shape[1])
-        np.minimum.at(worst, nodes[block.nodes.ravel()], values)
-    out = np.ones(len(item.data.vertices))
-    out[vertex] = worst[part.nodes]
-    return out
-
-
-def _gap(item: bpy.types.Object, other: bpy.types.Object) -> Array:
-    from ..femors_addon.mesh import clean
-    from ..femors_addon.nearest import SurfaceIndex
-
-    theirs, _ = surface_of(other)
-    index = SurfaceIndex(clean(theirs.vertices, theirs.faces, other.name).surface)
-    return index.signed(_world(item))
 
 
 def paint(item: bpy.types.Object, key: str, values: Array, low: float, high: float, name: str) -> None:
@@ -250,47 +170,6 @@ def colour_map(context: bpy.types.Context) -> str:
     """Return the colour map that the preferences name."""
     addon = context.preferences.addons.get(__package__.rpartition(".")[0])
     return getattr(addon.preferences if addon else None, "colour_map", "lagoon")
-
-
-# --- the viewport -----------------------------------------------------------------------------------
-def shade(context: bpy.types.Context) -> None:
-    """Let the viewports of the window show colour attributes; remember how they were."""
-    screen = context.screen or (context.window.screen if context.window else None)
-    if screen is None:
-        return
-    before = dict(screen.get(SHADING, {}))
-    for number, area in enumerate(screen.areas):
-        if area.type != "VIEW_3D":
-            continue
-        shading = area.spaces.active.shading
-        before.setdefault(str(number), {name: getattr(shading, name) for name in REMEMBERED})
-        shading.type, shading.color_type, shading.show_specular_highlight = "SOLID", "VERTEX", False
-    screen[SHADING] = before
-
-
-def unshade() -> None:
-    """Give all viewports the shading back that they had."""
-    for screen in bpy.data.screens:
-        if SHADING not in screen:
-            continue
-        for number, kept in dict(screen[SHADING]).items():
-            area = screen.areas[int(number)] if int(number) < len(screen.areas) else None
-            if area is None or area.type != "VIEW_3D":
-                continue
-            shading = area.spaces.active.shading
-            # color_type can only be set while the shading is solid
-            shading.color_type = kept["color_type"]
-            shading.show_specular_highlight = bool(kept["show_specular_highlight"])
-            shading.type = kept["type"]
-        del screen[SHADING]
-
-
-def redraw(context: bpy.types.Context) -> None:
-    """Draw all viewports anew."""
-    for window in context.window_manager.windows if context.window_manager else ():
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
 
 
 class FEMORS_OT_show_heat(bpy.types.Operator):

@@ -12,132 +12,19 @@ stand still for a quarter of a second.
 
 from __future__ import annotations
 
-import importlib
 import sys
-import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import bpy
 
-from ..femors_addon.progress import Cancelled, FemorsError, Preview, Progress
-from . import dependencies, preview
+from ..femors_addon.progress import FemorsError, Preview
+from . import preview
+from .job_thread import CORE, TICK, Compute, Job, loading, time_left
 
-TICK = 0.1
-"""Seconds between two looks at a running job."""
 READ = 0.3
 """Seconds between two redraws of what is said of it, at least: nobody reads faster."""
-
-Compute = Callable[[Progress], Any]
-CORE = __package__.rpartition(".")[0] + ".femors_addon"
-
-
-class Job:
-    """One computation in a thread, and what the panel shows of it.
-
-    Attributes
-    ----------
-    title : str
-        What is being done, for the panel and the status bar.
-    fraction : float
-        Done so far, 0 to 1.
-    text : str
-        Stage, iteration and residual, in words.
-    views : list of View
-        What is drawn in the viewport while it runs.
-    """
-
-    def __init__(self, title: str, compute: Compute, views: Sequence[preview.View] = ()) -> None:
-        self.title = title
-        self.views = list(views)
-        self.fraction = 0.0
-        self.text = "Starting"
-        self.started = time.monotonic()
-        self.result: Any = None
-        self.error: BaseException | None = None
-        self._timer: bpy.types.Timer | None = None
-        self._cancel = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(compute,), name="FEMORS job")
-
-    def _run(self, compute: Compute) -> None:
-        try:
-            self.result = compute(self._progress)
-        except BaseException as error:  # handed to the main thread, which reports it
-            self.error = error
-
-    def _progress(self, fraction: float, text: str) -> None:
-        if self._cancel.is_set():
-            raise Cancelled
-        self.fraction, self.text = min(max(float(fraction), 0.0), 1.0), text
-
-    def start(self, context: bpy.types.Context) -> None:
-        """Start the thread, and the timer that lets the operator look at it."""
-        self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
-        preview.show(self.views)
-        self._thread.start()
-
-    def go_on(self, compute: Compute, views: Sequence[preview.View]) -> None:
-        """Compute something more, in a new thread, once the first one has ended."""
-        self.views, self.result = list(views), None
-        preview.show(self.views)
-        self._thread = threading.Thread(target=self._run, args=(compute,), name="FEMORS job")
-        self._thread.start()
-
-    def cancel(self) -> None:
-        """Ask the computation to end; it does so at its next word of progress."""
-        self._cancel.set()
-
-    @property
-    def cancelling(self) -> bool:
-        """Whether the end was asked for."""
-        return self._cancel.is_set()
-
-    @property
-    def alive(self) -> bool:
-        """Whether the thread still computes."""
-        return self._thread.is_alive()
-
-    @property
-    def closed(self) -> bool:
-        """Whether `close` was called: nobody waits for the result any more."""
-        return self._timer is None
-
-    @property
-    def seconds_left(self) -> float | None:
-        """How long it will take from here, judged by its pace; None as long as that says nothing."""
-        gone = time.monotonic() - self.started
-        if gone < 2.0 or self.fraction < 0.05:
-            return None
-        return gone * (1.0 - self.fraction) / self.fraction
-
-    def join(self) -> None:
-        """Wait for the thread."""
-        if self._thread.ident is not None:
-            self._thread.join()
-
-    def close(self, redrawn: bool = True) -> None:
-        """Ask the thread to end, remove timer and preview, clear the status bar. May be repeated.
-
-        The thread ends by itself at its next word of progress; nobody need wait, for it touches nothing
-        of Blender's, and its result is dropped.
-
-        Parameters
-        ----------
-        redrawn : bool
-            Not while Blender takes its windows down: then they are drawn anew later, if one is left.
-        """
-        self.cancel()
-        timer, self._timer = self._timer, None
-        preview.hide(redrawn)
-        manager = bpy.context.window_manager
-        if timer is not None and manager is not None:
-            manager.event_timer_remove(timer)
-        if redrawn:
-            tidy()
-        else:
-            bpy.app.timers.register(tidy, first_interval=0.1)
 
 
 class JobOperator:
@@ -165,6 +52,11 @@ class JobOperator:
     _views = None
 
     # --- given by the operator ----------------------------------------------------------------
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        """Return in words what keeps the work from being started, whatever else runs; "" for nothing."""
+        raise NotImplementedError
+
     def prepare(self, context: bpy.types.Context) -> Compute:
         """Read the scene and return the work as a function of progress; may raise `FemorsError`."""
         raise NotImplementedError
@@ -191,6 +83,15 @@ class JobOperator:
         return self._views[-1]
 
     # --- Blender's entries --------------------------------------------------------------------
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Say in words what is missing, or that another job runs."""
+        running = JobOperator.current is not None
+        message = "A FEMORS job is running: wait or cancel it" if running else cls.missing(context)
+        if message:
+            cls.poll_message_set(message)
+        return not message
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Do everything at once, with the mouse cursor as progress where there is a window."""
         manager = context.window_manager
@@ -251,6 +152,8 @@ class JobOperator:
         preview.refresh(TICK)
         if not (self._prepared or job.alive or job.error):
             self._prepared = True
+            if message := self.missing(context):  # Edit Mode was entered meanwhile, say
+                raise FemorsError(message)
             job.go_on(self.prepare(context), self._views)
             return {"PASS_THROUGH"}
         if not job.alive and job.error is None and context.mode != "OBJECT":
@@ -311,41 +214,29 @@ _closed: list[Job] = []
 """Jobs whose threads may still be on their way out."""
 
 
-def loading(names: Sequence[str]) -> Compute:
-    """Return the import of modules of the core as work; it may raise `FemorsError`."""
-
-    def load(progress: Progress) -> None:
-        dependencies.require()
-        for name in names:
-            progress(0.0, "loading")
-            importlib.import_module(f"{CORE}.{name}")
-
-    return load
-
-
 def close_current(redrawn: bool = True) -> None:
-    """End the running job, if any, in whatever state, and at once; see `Job.close`."""
+    """End the running job, if any, in whatever state, and at once; clear the status bar.
+
+    Parameters
+    ----------
+    redrawn : bool
+        Not while Blender takes its windows down: then they are drawn anew later, if one is left.
+    """
     job, JobOperator.current = JobOperator.current, None
     _closed[:] = [one for one in _closed if one.alive]
     if job is not None:
         _closed.append(job)
         job.close(redrawn)
+        if redrawn:
+            tidy()
+        else:
+            bpy.app.timers.register(tidy, first_interval=0.1)
 
 
 def wait_for_closed() -> None:
     """Wait until no thread of ours is left."""
     while _closed:
         _closed.pop().join()
-
-
-def time_left(job: Job) -> str:
-    """Return how long a job will take from here, in words, or ""."""
-    seconds = job.seconds_left
-    if seconds is None:
-        return ""
-    if seconds < 10:
-        return "a few seconds left"
-    return f"about {round(seconds, -1):.0f} s left" if seconds < 90 else f"about {seconds / 60:.0f} min left"
 
 
 def show_status(text: str | None) -> None:

@@ -50,17 +50,11 @@ class BodiesOperator(JobOperator):
     core = ("overclosure", "volume_quality")
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def missing(cls, context: bpy.types.Context) -> str:
         """Say in words what is missing; the form counts only for the button that is drawn with it."""
-        if JobOperator.current is not None:
-            message = "A FEMORS job is running: wait or cancel it"
-        elif context.mode != "OBJECT":
-            message = "Leave Edit Mode or painting first: this works in Object Mode"
-        else:
-            message = dependencies.missing() or (gap(context) if hasattr(context, "femors_form") else "")
-        if message:
-            cls.poll_message_set(message)
-        return not message
+        if context.mode != "OBJECT":
+            return "Leave Edit Mode or painting first: this works in Object Mode"
+        return dependencies.missing() or (gap(context) if hasattr(context, "femors_form") else "")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Take from the form what the caller has not set, and start in the background."""

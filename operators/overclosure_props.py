@@ -78,7 +78,7 @@ class FEMORS_PG_pair(bpy.types.PropertyGroup):
     )
     exclude: bpy.props.BoolProperty(
         name="Exclude",
-        description="These two may overlap, such as a cartilage that is tied to its bone",
+        description="These two may overlap, such as a cartilage tied to its bone: they are left alone",
         options=set(FORM),
     )
     own_gap: bpy.props.BoolProperty(

@@ -118,7 +118,7 @@ def result_properties(flags: frozenset[str] = FORM, hide_target: bool = False) -
             options=options,
         ),
         "use_landmarks": bpy.props.BoolProperty(
-            name="Landmarks",
+            name="Align by landmarks",
             description=(
                 "Align first by pairs of landmarks: vertex groups of exactly one vertex, "
                 "with the same names on source and target; at least three"

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..femors_addon.progress import FemorsError
-from . import deck_scene, deck_store, dependencies, heat, scene
+from . import deck_scene, deck_store, dependencies, heat_values, scene
 from .job import Compute, JobOperator
 from .lazy import Array, np
 
@@ -52,19 +52,13 @@ class FEMORS_OT_quality(JobOperator, bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Nothing may run, in Object Mode."""
-        if JobOperator.current is not None:
-            message = "A FEMORS job is running: wait or cancel it"
-        elif context.mode != "OBJECT":
-            message = "Leave Edit Mode or painting first: quality is measured in Object Mode"
-        else:
-            message = dependencies.missing()
-            if not message and hasattr(context, "femors_form") and chosen(context)[0] is None:
-                message = "Choose a mesh, or make one active"
-        if message:
-            cls.poll_message_set(message)
-        return not message
+    def missing(cls, context: bpy.types.Context) -> str:
+        """Say in words what is missing; the form counts only for the button that is drawn with it."""
+        if context.mode != "OBJECT":
+            return "Leave Edit Mode or painting first: quality is measured in Object Mode"
+        if hasattr(context, "femors_form") and chosen(context)[0] is None:
+            return dependencies.missing() or "Choose a mesh, or make one active"
+        return dependencies.missing()
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Take from the form what the caller has not set."""
@@ -80,7 +74,7 @@ class FEMORS_OT_quality(JobOperator, bpy.types.Operator):
 
         item = scene.find(self.mesh, "mesh")
         self._shot = scene.snapshot(context, item)
-        surface, self._polygon = heat.surface_of(item)
+        surface, self._polygon = heat_values.surface_of(item)
         surface = _used(surface)
         other = None
         if self.other:
@@ -88,7 +82,7 @@ class FEMORS_OT_quality(JobOperator, bpy.types.Operator):
             if beside == item:
                 raise FemorsError(f"'{item.name}' cannot be compared with itself: choose another")
             scene.snapshot(context, beside)  # refuses what is no surface
-            other = _used(heat.surface_of(beside)[0])
+            other = _used(heat_values.surface_of(beside)[0])
         model, limit = _model_of(item), self.worst_aspect
 
         def compute(progress: Any) -> Any:

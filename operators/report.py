@@ -13,7 +13,7 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..femors_addon.progress import FemorsError
-from . import decks, dependencies, heat, transfer_report, viewport
+from . import decks, dependencies, heat_values, transfer_report, viewport
 from .lazy import np
 
 
@@ -140,16 +140,16 @@ def _figures(subject: bpy.types.Object | dict[str, Any], seen: bytes | None) -> 
 
 def _pictures(item: bpy.types.Object) -> list[Any]:
     """Return the sections of an object: of the morph where it was one, else of the mesh."""
-    from ..femors_addon.align import transformed
     from ..femors_addon.quantities import QUANTITIES
     from ..femors_addon.report_figures import mesh_figures, morph_figures
+    from ..femors_addon.transforms import transformed
 
     report = reported(item)
     surface = _surface(item)
     values = {}
     for key, quantity in QUANTITIES.items():
         if not quantity.of_faces and quantity.attribute in item.data.attributes:
-            values[key] = heat.values_of(item, key)
+            values[key] = heat_values.values_of(item, key)
     target, source = (_named(report.get(key), item) for key in ("target", "source"))
     if "transform" in report:
         aligned = None
@@ -169,7 +169,7 @@ def _named(name: Any, item: bpy.types.Object) -> bpy.types.Object | None:
 
 def _surface(item: bpy.types.Object) -> Any:
     """Return an object's surface in world coordinates, with its shape keys at their values."""
-    surface, _ = heat.surface_of(item)
+    surface, _ = heat_values.surface_of(item)
     keys = item.data.shape_keys
     if keys is None:
         return surface

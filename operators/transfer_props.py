@@ -27,13 +27,18 @@ RESULTS = (
 SORTS = (
     ("ORDER", "Order", "As they came"),
     ("NAME", "Name", "By name"),
-    ("distance", "Distance", "Farthest from the source's surface first"),
-    ("residual", "Residual", "Where the target is farthest from the morphed surface first"),
-    ("stretch", "Stretch", "Most stretched or squeezed first"),
+    ("distance", "Away", "Farthest from the source's surface first"),
+    ("residual", "Fit", "Where the target is farthest from the morphed surface first"),
+    ("stretch", "Scale", "Most stretched or squeezed first"),
     ("spread", "Spread", "Largest spread of the templates first"),
 )
 OPTIONS = ("what", "result", "use_groups", "use_empties", "use_templates", "project")
 """Names of `transfer_options`."""
+
+
+def named(text: str) -> list[str]:
+    """Return names that stand in one string, with semicolons between."""
+    return [name.strip() for name in text.split(";") if name.strip()]
 
 
 def transfer_options(flags: frozenset[str] = FORM) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..femors_addon.progress import FemorsError
-from . import heat, scene, transfer_work
+from . import heat_values, scene, transfer_work
 from .fields import all_fields, data_of
 
 
@@ -54,7 +54,7 @@ def figures(report: dict[str, Any], surface: Any) -> list[Any]:
             continue
         there = surface(two)
         moved = Transferred(there.vertices, none, none, none)
-        start = heat.surface_of(one)[0]
+        start = heat_values.surface_of(one)[0]
         carried.append(Carried(old, start.vertices, moved, none, faces=there.faces))
     home, end = _surfaces(report, surface)
     names = [row["region"] for row in report.get("regions", [])]

@@ -224,7 +224,7 @@ def _same_shape(one: Array, other: Array) -> bool:
 
 def check_target(carrier: Carrier, field_name: str, name: str, target: Surface) -> list[str]:
     """Refuse a target that is no longer where the field ends; return what to say of another one."""
-    from ..femors_addon.mesh import clean
+    from ..femors_addon.cleaning import clean
     from ..femors_addon.nearest import SurfaceIndex
 
     field, size = carrier.field, carrier.field.morphed.diagonal
@@ -308,7 +308,7 @@ def _gathered(items: Sequence[Thing], moved: Sequence[Transferred], transfer: Tr
 
 def _elements(transfer: Any, item: Thing, progress: Progress) -> tuple[Transferred, Any]:
     """Carry a part of a deck with the nodes inside, in double precision."""
-    from ..femors_addon.align import transformed
+    from ..femors_addon.transforms import transformed
     from . import deck_store
 
     source = item.part

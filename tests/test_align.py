@@ -6,12 +6,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from surfaces import cut
 
 from femors_addon import shapes
-from femors_addon.align import align, homogeneous, inverse, landmark_transform, transformed, unit_factor
+from femors_addon.align import align
 from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.transforms import homogeneous, inverse, landmark_transform, transformed
+from femors_addon.units import unit_factor
 
 SHEAR = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.02, 0.0, 1.2]])
 
@@ -31,13 +34,6 @@ def placed(matrix: Float, surface: Surface) -> Surface:
 def mirrored(surface: Surface) -> Surface:
     """The other side's bone, outward again."""
     return Surface(surface.vertices * (-1, 1, 1), surface.faces[:, ::-1])
-
-
-def cut(surface: Surface, low: float, high: float) -> tuple[Surface, np.ndarray]:
-    """The faces between two heights, left open, and which vertices they use."""
-    height = surface.corners[:, :, 2].mean(axis=1)
-    used, faces = np.unique(surface.faces[(height > low) & (height < high)], return_inverse=True)
-    return Surface(surface.vertices[used], faces.reshape(-1, 3)), used
 
 
 def off(matrix: Float, points: Float, truth: Float, size: float) -> float:

@@ -8,13 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from femors_addon import shapes
-from femors_addon.align import homogeneous, transformed
 from femors_addon.carry import Carrier
 from femors_addon.frames import SmoothMap, face_gradients, principal_stretches, ramp
 from femors_addon.keptfield import KeptField
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
+from femors_addon.transforms import homogeneous, transformed
 
 BONE = shapes.bone(2500)
 WARPS = {

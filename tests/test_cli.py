@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from femors_addon import cli, commandline, landmarkfiles, meshfiles, settings
+from femors_addon import cli, cli_morph, commandline, landmarkfiles, meshfiles, settings
 from femors_addon.intersect import self_intersections
 from femors_addon.meshfiles import MeshFile
 from femors_addon.morph import MorphResult
@@ -66,7 +66,7 @@ def pair(tmp_path):
 @pytest.fixture(scope="module")
 def morphed() -> MorphResult:
     """What the morph of the pair gives, for tests of what is done with it."""
-    return cli.morph(SOURCE.surface(), TARGET.surface())
+    return cli_morph.morph(SOURCE.surface(), TARGET.surface())
 
 
 @pytest.fixture()
@@ -76,7 +76,7 @@ def no_morph(monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("the morph was started")
 
-    monkeypatch.setattr(cli, "morph", never)
+    monkeypatch.setattr(cli_morph, "morph", never)
 
 
 def run(capsys, *argv: object) -> tuple[int, str, str]:
@@ -129,14 +129,14 @@ def test_quiet_says_nothing(pair, tmp_path, capsys, monkeypatch, morphed):
         progress(0.5, "working")
         return noted
 
-    monkeypatch.setattr(cli, "morph", remark)
+    monkeypatch.setattr(cli_morph, "morph", remark)
     monkeypatch.setattr(commandline.sys, "stderr", terminal := Terminal())
     code, out, _ = run(capsys, "morph", *pair, "-o", tmp_path / "out.ply")
     assert (code, terminal.getvalue().split("\r")[-1]) == (0, "femors: note: a remark\n")
     assert "50 %  working" in terminal.getvalue()
     assert out == morphed.summary() + "\n"
     monkeypatch.undo()
-    monkeypatch.setattr(cli, "morph", remark)
+    monkeypatch.setattr(cli_morph, "morph", remark)
     code, out, err = run(capsys, "morph", *pair, "-o", tmp_path / "out.ply", "--quiet")
     assert (code, out, err) == (0, "", "")
 
@@ -190,7 +190,7 @@ def test_an_imperfect_result_is_written_and_said(pair, tmp_path, capsys, monkeyp
     whole = {key: change[key] for key in change if key in ("converged", "stop_reason")}
     counted = {key: change[key] for key in change if key not in whole}
     imperfect = dataclasses.replace(morphed, **whole, after=dataclasses.replace(morphed.after, **counted))
-    monkeypatch.setattr(cli, "morph", lambda *args, **kwargs: imperfect)
+    monkeypatch.setattr(cli_morph, "morph", lambda *args, **kwargs: imperfect)
     report = tmp_path / "r.json"
     code, out, err = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl", "--report", report, "--quiet")
     assert (code, out) == (1, "")
@@ -271,8 +271,40 @@ def test_a_folder_is_called_one(pair, tmp_path, capsys, no_morph):
 
 def test_a_typing_error_points_to_the_help_of_its_command(capsys, no_morph):
     said = refused(capsys, "morph", "a.stl", "b.stl", "-o", "c.stl", "--quite")
-    assert said == "femors: unrecognized arguments: --quite (see 'femors morph --help')\n"
+    assert said == (
+        "femors: unrecognized arguments: --quite; did you mean --quiet? (see 'femors morph --help')\n"
+    )
     assert "(see 'femors --help')" in refused(capsys, "--quite")
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (
+            ["morph", "a.stl", "b.stl", "--ou", "c.stl"],
+            "--ou; did you mean --out? (see 'femors morph --help')",
+        ),
+        (["morph", "a.stl", "b.stl", "-out", "c.stl"], "-out; did you mean --out?"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--spraed-start=5"], "did you mean --spread-start?"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--fix-unit"], "--fix-unit; did you mean --fix-units?"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--align", "affin"], "'affin'; did you mean affine?"),
+        (["overclosure", "a.stl", "b.stl", "--chek"], "--chek; did you mean --check?"),
+        (["mroph", "a.stl", "b.stl", "--report", "r.html"], "'mroph'; did you mean morph?"),
+        (["Transfer"], "did you mean transfer?"),
+        (["zzz"], "'zzz'; choose from morph, convert, quality,"),
+        (["--verison"], "--verison; did you mean --version? (see 'femors --help')"),
+    ],
+)
+def test_what_was_probably_meant(capsys, no_morph, argv, words):
+    assert words in refused(capsys, *argv)
+
+
+def test_nothing_far_fetched_is_meant(capsys, no_morph):
+    for argv in (
+        ["morph", "a.stl", "b.stl", "-o", "c.stl", "--zzzzz"],
+        ["morph", "a.stl", "-3", "-o", "c.stl", "x"],
+    ):
+        assert "did you mean" not in refused(capsys, *argv)
 
 
 def test_messages_of_the_core_name_the_file(pair, tmp_path, capsys, monkeypatch, morphed):
@@ -280,7 +312,7 @@ def test_messages_of_the_core_name_the_file(pair, tmp_path, capsys, monkeypatch,
     texts = ["source: is odd", "target: is odd", "the source is odd"]
     expected = [f"{source}: is odd", f"{target}: is odd", "the source is odd"]
     noted = dataclasses.replace(morphed, warnings=tuple(texts))
-    monkeypatch.setattr(cli, "morph", lambda *args, **kwargs: noted)
+    monkeypatch.setattr(cli_morph, "morph", lambda *args, **kwargs: noted)
     report = tmp_path / "r.json"
     _, _, err = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl", "--report", report)
     assert err.splitlines() == [f"femors: note: {text}" for text in expected]
@@ -290,7 +322,7 @@ def test_messages_of_the_core_name_the_file(pair, tmp_path, capsys, monkeypatch,
         def refuse(*args, text=text, **kwargs):
             raise FemorsError(text)
 
-        monkeypatch.setattr(cli, "morph", refuse)
+        monkeypatch.setattr(cli_morph, "morph", refuse)
         assert refused(capsys, "morph", *pair, "-o", tmp_path / "o.stl") == f"femors: {said}\n"
 
 
@@ -315,7 +347,7 @@ def test_what_goes_wrong_after_the_writing_says_so(pair, tmp_path, capsys, monke
     def fails(self):
         raise error("summary")
 
-    monkeypatch.setattr(cli, "morph", lambda *args, **kwargs: morphed)
+    monkeypatch.setattr(cli_morph, "morph", lambda *args, **kwargs: morphed)
     monkeypatch.setattr(MorphResult, "summary", fails)
     seen, _, err = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl")
     assert seen == code
@@ -364,7 +396,7 @@ def test_self_intersections_are_counted_on_the_source_itself(tmp_path, capsys, m
         after = dataclasses.replace(morphed.after, self_intersecting=count)
         before = dataclasses.replace(morphed.before, self_intersecting=0)  # of other positions: no matter
         changed = dataclasses.replace(morphed, vertices=vertices, before=before, after=after)
-        monkeypatch.setattr(cli, "morph", lambda *args, changed=changed, **kwargs: changed)
+        monkeypatch.setattr(cli_morph, "morph", lambda *args, changed=changed, **kwargs: changed)
         code, _, err = run(capsys, "morph", tmp_path / "a.obj", tmp_path / "b.stl", "-o", tmp_path / "o.stl")
         assert code == expected
         assert not expected or f"and {own} did in the source" in err
@@ -374,7 +406,7 @@ def test_out_of_memory_is_one_line(pair, tmp_path, capsys, monkeypatch):
     def greedy(*args, **kwargs):
         raise MemoryError
 
-    monkeypatch.setattr(cli, "morph", greedy)
+    monkeypatch.setattr(cli_morph, "morph", greedy)
     assert "memory" in refused(capsys, "morph", *pair, "-o", tmp_path / "o.stl")
 
 
@@ -408,7 +440,7 @@ def test_options_stand_over_the_preset(pair, tmp_path, capsys, monkeypatch, pres
         seen.append(settings)
         raise FemorsError("seen")
 
-    monkeypatch.setattr(cli, "morph", look)
+    monkeypatch.setattr(cli_morph, "morph", look)
     refused(capsys, "morph", *pair, "-o", tmp_path / "o.stl", "--preset", preset)
     options = [
         "--align",
@@ -518,7 +550,7 @@ def test_landmarks_reach_the_morph(pair, tmp_path, capsys, monkeypatch):
         assert np.array_equal(target_landmarks, POINTS + 1)
         raise FemorsError("seen")
 
-    monkeypatch.setattr(cli, "morph", look)
+    monkeypatch.setattr(cli_morph, "morph", look)
     np.savetxt(tmp_path / "a.csv", POINTS, delimiter=",")
     np.savetxt(tmp_path / "b.csv", POINTS + 1, delimiter=",")
     start = ["morph", *pair, "-o", tmp_path / "o.stl", "--source-landmarks", tmp_path / "a.csv"]

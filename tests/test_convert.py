@@ -6,12 +6,13 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from femors_addon import cli, deckfiles, meshfiles
+from femors_addon import cli, cli_morph, deckfiles, meshfiles
 from femors_addon.meshfiles import MeshFile
 from femors_addon.morph import MorphResult
 from femors_addon.morph_settings import MorphSettings
@@ -131,7 +132,7 @@ def test_a_surface_as_a_deck_of_shells(tmp_path, capsys, source, suffix):
 
 
 def test_a_part_alone(box, tmp_path, capsys):
-    code, _, err = run(capsys, "convert", box, tmp_path / "roof.inp", "--part", "roof")
+    code, _, err = run(capsys, "convert", box, "--part", "roof", "-o", tmp_path / "roof.inp")
     assert code == 0, err
     deck = deckfiles.read_deck(tmp_path / "roof.inp")
     assert deck.mesh.node_ids.tolist() == [15, 16, 17, 18, 19]
@@ -192,7 +193,8 @@ def test_what_convert_refuses(box, tmp_path, capsys):
         ((box, tmp_path / "nowhere" / "o.stl"), "no folder"),
         ((tmp_path / "broken.inp", tmp_path / "o.stl"), "line 17: element 3 names node 99"),
         ((tmp_path / "empty.vtu", tmp_path / "o.stl"), "is empty"),
-        ((box,), "required: OUT"),
+        ((box,), "-o OUT is needed (see 'femors convert --help')"),
+        ((box, tmp_path / "a.stl", "-o", tmp_path / "b.stl"), "two outputs"),
     ):
         assert words in refused(capsys, "convert", *argv)
     (tmp_path / "broken.inp").unlink()
@@ -311,10 +313,10 @@ def test_a_deck_as_the_target_and_a_surface_as_the_output(shells, tmp_path, caps
 
     def morph(one, two, settings=None, progress=None, **landmarks):
         called.append((len(one.vertices), len(two.vertices)))
-        return cli.MorphResult(**(vars(result) | {"vertices": one.vertices + 1.0}))
+        return cli_morph.MorphResult(**(vars(result) | {"vertices": one.vertices + 1.0}))
 
     result = real_result()
-    monkeypatch.setattr(cli, "morph", morph)
+    monkeypatch.setattr(cli_morph, "morph", morph)
     argv = ("morph", target, source, "-o", tmp_path / "o.ply", "--target-part", "BONE", "--quiet")
     assert run(capsys, *argv)[0] == 0
     assert meshfiles.read(tmp_path / "o.ply").vertices[0] == pytest.approx(
@@ -328,7 +330,7 @@ def test_a_deck_as_the_target_and_a_surface_as_the_output(shells, tmp_path, caps
 
 
 def real_result() -> MorphResult:
-    return cli.morph(
+    return cli_morph.morph(
         ball(4, (3, 4, 5)).surface(), ball(4, (3, 4, 5)).surface(), MorphSettings(alignment="none")
     )
 
@@ -337,7 +339,7 @@ def test_what_morph_refuses_of_decks(shells, tmp_path, capsys, monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("the morph was started")
 
-    monkeypatch.setattr(cli, "morph", never)
+    monkeypatch.setattr(cli_morph, "morph", never)
     source, target = shells
     files = sorted(tmp_path.iterdir())
     out = ("-o", tmp_path / "o.inp")
@@ -387,3 +389,52 @@ def test_a_solid_follows(tmp_path, capsys):
     assert np.allclose(np.sort(size), 1, atol=0.05)
     assert json.loads((tmp_path / "r.json").read_text())["volume"]["newly_inverted"] == []
     assert (tmp_path / "f.npz").exists()
+
+
+# --- coordinates that are none ----------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("suffix", "words"),
+    [
+        (".stl", "corner 1 of triangle 2, counted from 1"),
+        (".ply", "vertex 3, counted from 0"),
+        (".obj", "vertex 4, counted from 1"),
+        (".inp", "line 6: the coordinates of node 4"),
+        (".feb", "line 8: x,y,z of node 4"),
+        (".bdf", "line 9: a coordinate was expected, not 'nan"),
+        *(
+            pytest.param(suffix, words, marks=needs_meshio)
+            for suffix, words in (
+                (".vtk", "first: node 4"),  # it brings ids along
+                (".msh", "first: node 4"),
+                (".mesh", "first: node 4"),
+            )
+        ),
+    ],
+)
+def test_a_vertex_that_is_not_finite_is_called_what_the_file_calls_it(tmp_path, capsys, suffix, words):
+    number = 777.25
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, number]], dtype=float)
+    faces = np.array([[0, 2, 1], [3, 0, 1], [3, 1, 2], [3, 2, 0]])
+    path = tmp_path / f"in{suffix}"
+    mesh = MeshFile(vertices, np.full(4, 3), faces.ravel())
+    for place, data in deckfiles.written(mesh, path).files.items():
+        spoilt = data.replace(b"7.7725000000000000e+02", b"nan").replace(b"777.25", b"nan")
+        for code in ("<f", ">f", "<d", ">d"):
+            spoilt = spoilt.replace(struct.pack(code, number), struct.pack(code, np.nan))
+        assert spoilt != data
+        Path(place).write_bytes(spoilt)
+    assert words in refused(capsys, "convert", path, "-o", tmp_path / "out.ply")
+
+
+@pytest.mark.parametrize(
+    ("kind", "cells"),
+    [
+        ("POLYDATA", "POLYGONS 1 4\n3 0 1 2\n"),
+        pytest.param("UNSTRUCTURED_GRID", "CELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n5\n", marks=needs_meshio),
+    ],
+)
+def test_a_point_of_vtk_without_ids_is_counted_from_zero_as_cells_do(tmp_path, capsys, kind, cells):
+    path = tmp_path / "in.vtk"
+    head = f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET {kind}\nPOINTS 3 double\n"
+    path.write_text(f"{head}0 0 0 1 0 0 0 nan 0\n{cells}")
+    assert "point 2, counted from 0" in refused(capsys, "convert", path, "-o", tmp_path / "out.ply")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from surfaces import cut
 
 from femors_addon import shapes
 from femors_addon.correspond import (
@@ -22,12 +23,6 @@ from femors_addon.nearest import SurfaceIndex
 
 def target_of(surface: Surface) -> Target:
     return Target.of(SurfaceIndex(surface), surface)
-
-
-def half(surface: Surface) -> Surface:
-    """The faces above the middle, with an open border."""
-    used, faces = np.unique(surface.faces[surface.corners[:, :, 2].mean(axis=1) > 0], return_inverse=True)
-    return Surface(surface.vertices[used], faces.reshape(-1, 3))
 
 
 BALL, LARGER = shapes.sphere(3), shapes.sphere(3, radius=1.2)
@@ -71,7 +66,7 @@ def test_surfaces_that_face_away_are_no_partners():
 
 def test_what_lies_beyond_a_border_has_no_partner():
     """A whole ball on half of another: the missing half does not pull the rest to its rim."""
-    cap = half(LARGER)
+    cap, _ = cut(LARGER, 0.0, np.inf)
     vectors = by_surface(BALL, target_of(cap), "none")
     assert vectors.centres[:, 2].min() > -0.25
     found = SurfaceIndex(cap).closest([[0, 0, -3.0], [0, 0, 3.0], [1.2, 0, -0.5]])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from femors_addon import cli, inp, meshfiles
-from femors_addon.align import transformed
 from femors_addon.deck_morph import morph_part
 from femors_addon.mesh import Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.progress import FemorsError
+from femors_addon.transforms import transformed
 from femors_addon.volume_quality import scaled_jacobians
 
 

@@ -263,3 +263,30 @@ def test_the_python_page_runs(tutorial, monkeypatch):
         except Cancelled:
             assert "raises Cancelled" in block
     assert (tutorial / "out.inp").exists() and space["result"].surface.converged
+
+
+# --- the environment that builds it -----------------------------------------------------------------
+STAND_IN = """#!/bin/sh
+case "$*" in
+*"-m venv"*) mkdir -p "$3/bin"; cp "$0" "$3/bin/python" ;;
+*"-m pip"*) sleep 0.3; touch "$(dirname "$0")/../installed" ;;
+*) exec {python} "$@" ;;
+esac
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script")
+def test_two_environments_made_at_once_do_not_break_each_other(tmp_path):
+    python = tmp_path / "python"
+    python.write_text(STAND_IN.format(python=sys.executable))
+    python.chmod(0o755)
+    place = tmp_path / "cache" / "docs"
+    (place / "bin").mkdir(parents=True)  # one that was interrupted: without its mark
+    command = [ROOT / "requirements" / "make_tools.sh", place, "requirements.txt", python]
+    made = [subprocess.Popen([str(word) for word in command]) for _ in range(3)]
+    assert [one.wait() for one in made] == [0, 0, 0]
+    assert (place / "installed").exists() and (place / ".made").exists()
+    assert sorted(path.name for path in place.parent.iterdir()) == ["docs"]
+    before = place.stat().st_ino
+    assert subprocess.run([str(word) for word in command], check=True, capture_output=True).stdout == b""
+    assert place.stat().st_ino == before

@@ -22,6 +22,7 @@ def bone() -> Surface:
 def test_a_sound_mesh(bone):
     found = examine(bone)
     assert (found.vertices, found.faces) == (len(bone.vertices), len(bone.faces))
+    assert found.given_vertices == found.vertices and "merging" not in found.summary()
     assert (found.pieces, found.open_edges, len(found.bad)) == (1, 0, 0)
     assert found.volume == pytest.approx(bone.volume) and found.volume > 0
     assert found.area == pytest.approx(bone.face_areas.sum())
@@ -46,6 +47,9 @@ def test_faults_are_told_by_the_faces_as_given(bone):
     assert found.degenerate.tolist() == [len(bone.faces) - 4]
     assert len(bone.faces) - 5 in found.slender
     assert found.open_edges >= 9 and found.volume is None and found.pieces == 2
+    merged = len(np.unique(spoilt.vertices, axis=0)) - len(flat)  # a face without area is left out
+    assert (found.vertices, found.given_vertices) == (merged, 3 * found.faces)
+    assert f"vertices before merging     {3 * found.faces}" in found.summary().splitlines()
     assert set(found.degenerate) | set(found.self_intersecting) <= set(found.bad)
 
 

@@ -48,7 +48,7 @@ def test_the_nearest_body_counts_and_an_excluded_pair_does_not():
     np.testing.assert_allclose(gaps[bottom], 1.2)
 
 
-# two corners of each kind's base, its other corners, so that the element is right-handed
+# corners of a valid element, by how many there are
 SHAPES = {
     4: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
     5: [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]],

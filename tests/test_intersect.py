@@ -241,7 +241,7 @@ def test_the_pieces_of_a_face_cover_it():
 
 
 def candidates(a: Surface, b: Surface) -> int:
-    return sum(len(f) for f, _ in intersect._candidates(a, b))
+    return sum(len(f) for search in intersect._searches(a, b) for f, _ in search.candidates())
 
 
 def test_few_pairs_are_looked_at_whatever_the_grading():

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from femors_addon import keptfield, shapes
-from femors_addon.align import transformed
 from femors_addon.keptfield import KeptField
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.progress import FemorsError
+from femors_addon.transforms import transformed
 
 BALL = shapes.sphere(2)
 

@@ -3,31 +3,23 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
+from anatomy import PAIR, SMALL, femur_pair, needs_pair, needs_small
 
 from femors_addon import meshfiles, shapes
 from femors_addon.carry import Carrier
-from femors_addon.mesh import Surface, clean
+from femors_addon.cleaning import clean
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.regions import RegionMap
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("FEMORS_DATA", ROOT.parent / "shared" / "data"))
-PAIR, SMALL = DATA / "femur_pair", DATA / "femur_small"
 WARPS = {
     "bend": (("bend", 0.15),),
     "twist": (("twist", 0.2),),
     "stretch": (("stretch", 0.06),),
     "bump": (("bump", 0.015),),
 }
-
-needs_pair = pytest.mark.skipif(not (PAIR / "meshes.npz").exists(), reason=f"the femur pair is not at {PAIR}")
-needs_small = pytest.mark.skipif(not (SMALL / "femur.stl").exists(), reason=f"no femora at {SMALL}")
 
 
 # --- warps with known answers ---------------------------------------------------------------------
@@ -56,9 +48,7 @@ def test_landmarks_of_a_known_warp(steps):
 # --- real bones -----------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def pair():
-    with np.load(PAIR / "meshes.npz") as data:
-        source = Surface(data["source_vertices"], data["source_faces"])
-        target = Surface(data["target_vertices"], data["target_faces"])
+    source, target = femur_pair()
     result = morph(source, target)
     return source, target, Carrier(result.kept("source", "target"))
 

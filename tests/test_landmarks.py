@@ -12,7 +12,7 @@ from femors_addon.keptfield import KeptField
 from femors_addon.landmarks import Prediction, far_ones, median_of, predicted
 from femors_addon.mesh import Surface
 from femors_addon.morph import morph
-from femors_addon.morph_result import misfit_around
+from femors_addon.morph_outcome import misfit_around
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
 from femors_addon.regions import RegionMap
@@ -140,8 +140,11 @@ def test_a_region_between_the_vertices_goes_to_the_nearest():
 
 def test_a_region_far_from_the_target_goes_to_its_nearest_vertex():
     away = shapes.sphere(1, centre=(5.0, 0.0, 0.0))
-    got = RegionMap(BALL, away).region(cap(BALL.vertices, True))
-    assert (got.weights > 0).sum() >= 1
+    weights = cap(BALL.vertices, True)
+    got = RegionMap(BALL, away).region(weights)
+    apart = np.linalg.norm(away.vertices[:, None] - BALL.vertices[weights > 0][None], axis=2)
+    assert set(np.flatnonzero(got.weights)) == set(apart.argmin(axis=0))
+    assert got.weights.max() == 1.0
 
 
 def test_a_region_of_nothing_is_refused():

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from femors_addon import morph as morphing
+from femors_addon.folds import Reference, bad_faces
 from femors_addon.intersect import self_intersections
-from femors_addon.mend import _Patches, mended
+from femors_addon.mend import REACH, _Part, _Patches, mended
 from femors_addon.mesh import Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
@@ -31,14 +32,14 @@ def _pulled(ball, share=1.9):
 
 def test_nothing_is_done_where_nothing_is_bad(ball):
     displacement = 0.1 * ball.vertices
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings())
+    after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings())
     assert after is displacement and left == 0
 
 
 def test_a_folded_face_is_laid_out_on_the_target(ball):
     node, displacement = _pulled(ball)
     assert len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings())
+    after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings())
     moved = ball.moved(ball.vertices + after)
     assert left == 0
     assert not len(flipped_faces(ball, moved)) and not len(self_intersections(moved))
@@ -51,7 +52,7 @@ def test_a_folded_face_is_laid_out_on_the_target(ball):
 def test_a_squeezed_face_gets_its_room_back(ball):
     _, displacement = _pulled(ball, 0.98)
     assert not len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings())
+    after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings())
     assert left == 0
     assert aspect_ratio(ball.moved(ball.vertices + displacement)).max() > 20
     assert aspect_ratio(ball.moved(ball.vertices + after)).max() < 10
@@ -60,7 +61,7 @@ def test_a_squeezed_face_gets_its_room_back(ball):
 def test_where_nodes_are_not_to_lie_on_the_target_nothing_is_laid_on_it(ball):
     _, displacement = _pulled(ball)
     off = MorphSettings(projection=0.0)
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), None, off, left=5)
+    after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, off, left=range(5))
     assert after is displacement and left == 5
 
 
@@ -71,7 +72,7 @@ def test_mending_can_be_cancelled(ball):
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        mended(ball, ball, displacement, SurfaceIndex(ball), None, MorphSettings(), cancel)
+        mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings(), cancel)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -83,22 +84,55 @@ def test_crossings_around_what_moved_are_those_of_the_whole(ball, seed):
     after = rough.copy()
     nodes = rng.integers(0, len(rough), 30)
     after[nodes] += 3.0 * fine.mean_edge * rng.normal(size=(30, 3))
-    work = _Patches(fine, fine, SurfaceIndex(fine), pairs[:0, 0], np.ones(len(rough), bool), MorphSettings())
+    every = _Part.around(np.arange(len(fine.faces)), fine, np.ones(len(rough), bool))
+    work = _Patches(fine, Reference(fine), every, SurfaceIndex(fine), MorphSettings())
     got = work._crossed(pairs, rough, after)
     whole = self_intersections(fine.moved(after))
     assert len(whole) > len(pairs) / 2 and {*map(tuple, got)} == {*map(tuple, whole)}
     assert len(got) == len(whole)
 
 
+def test_a_part_of_a_large_mesh_is_mended_as_the_whole_is(monkeypatch):
+    """Folds told, and crossings looked for, near by only; a sheet close behind belongs to it."""
+    outer, inner = sphere(6), sphere(6, radius=0.99)
+    both = Surface(
+        np.concatenate((outer.vertices, inner.vertices)),
+        np.concatenate((outer.faces, inner.faces[:, ::-1] + len(outer.vertices))),
+    )
+    node = 1000
+    displacement = np.zeros_like(both.vertices)
+    displacement[node] = -0.013 * both.vertices[node]  # through the inner sheet
+    aside = np.cross(both.vertices[node], [0.3, 0.2, 0.9])
+    displacement[node] += 2.0 * both.mean_edge * aside / np.linalg.norm(aside)
+    moved = both.moved(both.vertices + displacement)
+    bad = bad_faces(Reference(both), moved)
+    assert len(bad) > 5 and bad.max() >= len(outer.faces)
+    part = _Part.around(bad, moved, np.ones(len(both.vertices), bool))
+    assert len(part.faces) < 0.2 * len(both.faces)
+    assert (part.faces >= len(outer.faces)).any()
+    target = SurfaceIndex(both)
+    near = mended(both, Reference(both), displacement, target, None, MorphSettings(), left=bad)
+    monkeypatch.setattr("femors_addon.mend.REACH", 10 * REACH)
+    whole = mended(both, Reference(both), displacement, target, None, MorphSettings(), left=bad)
+    np.testing.assert_array_equal(near[0], whole[0])
+    assert near[1] == whole[1] < len(bad)
+
+
 def test_nodes_that_may_not_move_stay(ball):
     node, displacement = _pulled(ball, 1.3)
     free = np.zeros(len(ball.vertices))
     free[node] = 1.0
-    after, left = mended(ball, ball, displacement, SurfaceIndex(ball), free, MorphSettings())
+    after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), free, MorphSettings())
     assert left == 0
     assert set(np.flatnonzero(np.abs(after - displacement).max(axis=1) > 0)) == {node}
     after, left = mended(
-        ball, ball, displacement, SurfaceIndex(ball), np.zeros(len(ball.vertices)), MorphSettings(), left=1
+        ball,
+        Reference(ball),
+        displacement,
+        SurfaceIndex(ball),
+        np.zeros(len(ball.vertices)),
+        MorphSettings(),
+        left=[0],
     )
     np.testing.assert_array_equal(after, displacement)
     assert left > 0  # and it is said that they are bad

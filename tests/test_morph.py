@@ -10,15 +10,16 @@ import json
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from surfaces import cut, soup, together
 
 from femors_addon import settings as declared
 from femors_addon import shapes
-from femors_addon.align import transformed
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.quality import flipped_faces
+from femors_addon.transforms import transformed
 
 STAY = MorphSettings(alignment="none")
 LAYERED = MorphSettings(levels=2, reduction=0.4, iterations=4, fine_iterations=3)
@@ -40,20 +41,6 @@ def finite(result: MorphResult, source: Surface) -> bool:
     arrays = (result.vertices, result.surface_distance, result.displacement, result.transform)
     json.dumps(result.report(), allow_nan=False)
     return all(np.isfinite(array).all() for array in arrays)
-
-
-def together(*surfaces: Surface) -> Surface:
-    """Several surfaces as one."""
-    start = np.cumsum([0] + [len(s.vertices) for s in surfaces])
-    faces = [s.faces + n for s, n in zip(surfaces, start, strict=False)]
-    return Surface(np.concatenate([s.vertices for s in surfaces]), np.concatenate(faces))
-
-
-def cut(surface: Surface, low: float, high: float) -> tuple[Surface, np.ndarray]:
-    """The faces between two heights, left open, and which vertices they use."""
-    height = surface.corners[:, :, 2].mean(axis=1)
-    used, faces = np.unique(surface.faces[(height > low) & (height < high)], return_inverse=True)
-    return Surface(surface.vertices[used], faces.reshape(-1, 3)), used
 
 
 @pytest.fixture(scope="module")
@@ -221,10 +208,6 @@ def test_a_mirrored_source_is_morphed_where_it_may_be_mirrored(pair):
 
 
 # --- meshes of every kind -------------------------------------------------------------------------
-def soup(surface: Surface) -> Surface:
-    return Surface(surface.corners.reshape(-1, 3), np.arange(3 * len(surface.faces)).reshape(-1, 3))
-
-
 def in_order_of_use(surface: Surface) -> Surface:
     """Vertices numbered as the faces name them, as merging a soup does."""
     _, first, inverse = np.unique(surface.faces, return_index=True, return_inverse=True)

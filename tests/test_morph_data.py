@@ -8,11 +8,10 @@ from the pose to the result is the same, and the suite stays short.
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
+from anatomy import PAIR, SMALL, femur_pair, needs_pair, needs_small
 from scipy.spatial.transform import Rotation
 
 from femors_addon import meshfiles
@@ -22,21 +21,10 @@ from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
 from femors_addon.quality import Comparison, compare
 from femors_addon.reduce import reduced
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA = Path(os.environ.get("FEMORS_DATA", ROOT.parent / "shared" / "data"))
-PAIR, SMALL = DATA / "femur_pair", DATA / "femur_small"
-
-needs_pair = pytest.mark.skipif(not (PAIR / "meshes.npz").exists(), reason=f"the femur pair is not at {PAIR}")
-needs_small = pytest.mark.skipif(not (SMALL / "femur.stl").exists(), reason=f"no femora at {SMALL}")
-
 
 @pytest.fixture(scope="module")
 def pair() -> tuple[Surface, Surface]:
-    with np.load(PAIR / "meshes.npz") as data:
-        return (
-            Surface(data["source_vertices"], data["source_faces"]),
-            Surface(data["target_vertices"], data["target_faces"]),
-        )
+    return femur_pair()
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from surfaces import together
 
 from femors_addon import shapes
-from femors_addon.mesh import Surface, winding_number
+from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.orientation import winding_number
 from femors_addon.progress import Cancelled
 
 EXACT = 1e-11  # of the size of mesh and points together
@@ -71,13 +73,6 @@ def assert_closest(surface: Surface, points: np.ndarray) -> None:
     corners = surface.corners[found.face]
     assert found.point == pytest.approx(np.einsum("pk,pkc->pc", found.barycentric, corners))
     assert (found.face.dtype, found.point.shape) == (np.int32, points.shape)
-
-
-def together(*surfaces: Surface) -> Surface:
-    """Several surfaces as one."""
-    start = np.cumsum([0] + [len(s.vertices) for s in surfaces])
-    faces = [s.faces + n for s, n in zip(surfaces, start, strict=False)]
-    return Surface(np.concatenate([s.vertices for s in surfaces]), np.concatenate(faces))
 
 
 # --- distance -----------------------------------------------------------------------------------

@@ -472,6 +472,29 @@ def test_notes_of_what_looks_wrong():
     assert any("unit" in note for note in told)
 
 
+def test_a_body_in_another_unit_is_told_once():
+    told: list[str] = []
+    bodies = [Body("large", sphere(2, 1000.0)), Body("small", sphere(2, 1.0))]
+    check_overclosure(bodies, OverclosureSettings(gap=0.5), tell=told.append)
+    assert ["unit of length?" in note for note in told] == [True], told
+    told.clear()
+    check_overclosure([bodies[0], Body("less", sphere(2, 500.0))], tell=told.append)
+    assert not any("same room" in note for note in told), told  # it lies inside, and that is told as a pair
+
+
+def test_a_body_that_is_changed_by_more_than_half_is_told():
+    words = "of its volume; are the bodies in their places?"
+    result = remove_overclosure(pair((6.0, 0.5, 0.0), one=0.0))
+    one, two = result.bodies
+    assert two.xor > 0.5
+    assert f"two: the removal changed {two.xor:.0%} {words}" in result.notes
+    assert result.report()["warnings"] == list(result.notes)
+    assert not any(note.startswith("one:") for note in result.notes) and one.xor == 0
+    result = remove_overclosure(pair())
+    assert max(body.xor for body in result.bodies) < 0.5
+    assert not any(words in note for note in result.notes)
+
+
 def test_after_a_wide_gap_the_pair_is_still_listed():
     result = remove_overclosure(pair(), OverclosureSettings(gap=2.0))
     assert result.certified

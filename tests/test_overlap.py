@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femors_addon.mesh import Surface, clean
+from femors_addon import shapes
+from femors_addon.mesh import Surface
 from femors_addon.overlap import overlap
 from femors_addon.progress import FemorsError
 from femors_addon.raster import fragments
@@ -14,11 +15,7 @@ from femors_addon.shapes import pair
 
 
 def box(low, high) -> Surface:
-    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
-    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    low, high = np.array(low, float), np.array(high, float)
-    return clean(low + corner * (high - low), np.array(faces)).surface
+    return shapes.box(np.subtract(high, low), 1, low=low)
 
 
 def test_boxes():

@@ -4,20 +4,16 @@
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
+from anatomy import PAIR, femur_pair, needs_pair
 
 from femors_addon import quality
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.quality import Stat, aspect_ratio, compare, dihedral_angles, flipped_faces, skewness
 from femors_addon.shapes import bone, box, sphere
-
-ROOT = Path(__file__).resolve().parent.parent
-PAIR = Path(os.environ.get("FEMORS_DATA", ROOT.parent / "shared" / "data")) / "femur_pair"
 
 
 def triangle(*corners) -> Surface:
@@ -39,11 +35,10 @@ def rotation(seed: int) -> np.ndarray:
 
 
 # --- the authors' own figures -------------------------------------------------------------------
-@pytest.mark.skipif(not (PAIR / "meshes.npz").exists(), reason=f"the femur pair is not at {PAIR}")
+@needs_pair
 def test_the_authors_figures_are_reproduced():
+    source, target = femur_pair()
     with np.load(PAIR / "meshes.npz") as data:
-        source = Surface(data["source_vertices"], data["source_faces"])
-        target = Surface(data["target_vertices"], data["target_faces"])
         morphed = source.moved(data["authors_morphed_vertices"])
     stored = json.loads((PAIR / "authors_metrics.json").read_text())
     result = compare(source, morphed, target).as_dict()

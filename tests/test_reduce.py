@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from surfaces import cut, together
 
 from femors_addon import shapes
 from femors_addon.mesh import Surface
@@ -60,23 +61,16 @@ def test_the_same_every_time(bone):
 
 
 def test_an_open_border_stays_where_it_is(bone):
-    cut = Surface(bone.vertices, bone.faces[bone.corners[:, :, 2].mean(axis=1) > 150.0])
-    small = reduced(Surface(*compact(cut)), 500)
+    small = reduced(cut(bone, 150.0, np.inf)[0], 500)
     rim = small.vertices[small.border]
     assert len(rim) > 8
     assert np.abs(rim[:, 2] - 150.0).max() < small.mean_edge
 
 
-def compact(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    used, faces = np.unique(surface.faces, return_inverse=True)
-    return surface.vertices[used], faces.reshape(-1, 3)
-
-
 def test_several_components_and_tiny_meshes():
     """What cannot be reduced is left as it is; nothing vanishes without a word."""
     balls = [shapes.sphere(2, centre=(3.0 * i, 0, 0)) for i in range(3)]
-    faces = np.concatenate([b.faces + 162 * i for i, b in enumerate(balls)])
-    three = Surface(np.concatenate([b.vertices for b in balls]), faces)
+    three = together(*balls)
     small = reduced(three, 150)
     assert euler(small) == 6
     assert small.volume == pytest.approx(three.volume, rel=0.2)

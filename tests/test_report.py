@@ -15,17 +15,22 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from solids import sphere
 
 from femors_addon import picture, plots, report_files, report_html, report_tables
-from femors_addon.align import transformed
-from femors_addon.mesh import Surface, clean
+from femors_addon.bodies import Body
+from femors_addon.cleaning import clean
+from femors_addon.mesh import Surface
 from femors_addon.morph import morph
 from femors_addon.overclosure_result import Step
 from femors_addon.progress import FemorsError
 from femors_addon.report_figures import mesh_figures, morph_figures
+from femors_addon.report_html import Figure
+from femors_addon.report_overclosure import overclosure_figures
 from femors_addon.report_transfer import Carried, dots, transfer_figures
 from femors_addon.shapes import pair
 from femors_addon.transfer import Transferred
+from femors_addon.transforms import transformed
 
 
 class Page(html.parser.HTMLParser):
@@ -251,6 +256,20 @@ def test_the_whole_mesh_is_in_the_picture():
         assert ink.any() and not ink[[0, -1]].any() and not ink[:, [0, -1]].any()
         rows = np.flatnonzero(ink.any(axis=1))
         assert len(rows) > 170, "it fills the picture"
+
+
+def test_each_shape_is_drawn_once_in_a_view_whatever_it_shows(monkeypatch):
+    """Displacement and gap of a moved body are two colourings of one drawing."""
+    drawn = []
+    fragments = picture.fragments
+    monkeypatch.setattr(picture, "fragments", lambda *args: drawn.append(1) or fragments(*args))
+    bodies = [Body("one", sphere(2)), Body("two", sphere(2, centre=(19.0, 0.5, 0.3)))]
+    after = {body.name: body.nodes + [0.5 * number, 0, 0] for number, body in enumerate(bodies)}
+    pictures, _ = overclosure_figures(bodies, after, 1.0)
+    shown = [item for item in pictures.items if isinstance(item, Figure) and isinstance(item.content, bytes)]
+    together, alone = 2 * 2, 2 * 2 * 2  # states and views, of both bodies; bodies, states and views
+    assert len(drawn) == 2 * together + alone
+    assert len(shown) == together + alone + 2  # and how far the second was moved
 
 
 def test_plots_are_sound_svg():

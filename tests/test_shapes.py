@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from femors_addon import isosurface, shapes
-from femors_addon.mesh import Surface, clean
+from femors_addon.cleaning import clean
+from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.quality import aspect_ratio, dihedral_angles, flipped_faces, self_intersections
 from femors_addon.shapes import LENGTH, bone, box, differences, pair, sphere, warp

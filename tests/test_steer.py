@@ -8,10 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from femors_addon import shapes
+from femors_addon.landmark_pairs import Pairs
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
-from femors_addon.steer import Pairs, Pull, lead
+from femors_addon.steer import Pull, lead
+from femors_addon.transforms import transformed
 
 RNG = np.random.default_rng(4)
 POINTS = RNG.uniform(-1, 1, (8, 3)) * [40.0, 40.0, 200.0]
@@ -22,6 +24,15 @@ SIZE = 450.0
 def there(points: np.ndarray, noise: float = 5.0) -> np.ndarray:
     """The other subject's: turned, grown, shifted, and different by some mm."""
     return points @ TURN.T + [100.0, -30, 5] + np.random.default_rng(1).normal(size=points.shape) * noise
+
+
+def far_apart(vertices: np.ndarray, count: int) -> list[int]:
+    """The topmost vertex, then each time that which is farthest from all before."""
+    rows = [int(np.argmax(vertices[:, 2]))]
+    while len(rows) < count:
+        away = np.min([np.linalg.norm(vertices - vertices[row], axis=1) for row in rows], axis=0)
+        rows.append(int(np.argmax(away)))
+    return rows
 
 
 # --- pairs ----------------------------------------------------------------------------------------
@@ -77,10 +88,7 @@ def test_pairs_that_are_none_are_told(source, target, names, words):
 def bones():
     """Two bones and landmarks of both, far from each other: the first five of eight."""
     source, target, truth = shapes.pair(1200, 1100, seed=1)
-    rows = [int(np.argmax(source.vertices[:, 2]))]
-    while len(rows) < 8:
-        away = np.min([np.linalg.norm(source.vertices - source.vertices[r], axis=1) for r in rows], axis=0)
-        rows.append(int(np.argmax(away)))
+    rows = far_apart(source.vertices, 8)
     return source, target, source.vertices[rows], truth[rows]
 
 
@@ -108,10 +116,8 @@ def test_swapped_pairs_are_named_and_no_others(bones, count, swapped):
     assert np.flatnonzero(~pairs.good).tolist() == list(swapped)
     said = pairs.warnings()[-1]
     assert all(f"'L{n}'" in said for n in swapped) and "left out" in said
-    there = np.linalg.norm(
-        alignment.matrix[:3, :3] @ bones[2].T + alignment.matrix[:3, 3:] - bones[3].T, axis=0
-    )
-    assert there.max() < 0.05 * bones[1].diagonal
+    off = np.linalg.norm(transformed(alignment.matrix, bones[2]) - bones[3], axis=1)
+    assert off.max() < 0.05 * bones[1].diagonal
 
 
 @pytest.mark.parametrize(
@@ -128,8 +134,8 @@ def test_landmarks_of_another_frame_do_no_harm_and_are_a_fault(bones, change):
     _, target, marks, truth = bones
     alignment, pairs = led(bones, 5, change(truth[:5]))
     assert pairs.faults and set(pairs.faults) <= set(pairs.warnings())
-    there = np.linalg.norm(alignment.matrix[:3, :3] @ marks.T + alignment.matrix[:3, 3:] - truth.T, axis=0)
-    assert there.max() < 0.05 * target.diagonal
+    off = np.linalg.norm(transformed(alignment.matrix, marks) - truth, axis=1)
+    assert off.max() < 0.05 * target.diagonal
     wrong = np.linalg.norm(change(truth[:5]) - truth[:5], axis=1) > 0.12 * target.diagonal
     assert not pairs.good[wrong].any()
 
@@ -176,11 +182,7 @@ def test_two_landmarks_at_one_place_get_their_mean():
 def pair():
     """A bone and its twisted self, with five landmarks far from each other."""
     source, target, truth = shapes.pair(2000, 1900, seed=1, posed=True)
-    rows = [int(np.argmax(source.vertices[:, 2]))]
-    while len(rows) < 5:
-        away = np.min([np.linalg.norm(source.vertices - source.vertices[r], axis=1) for r in rows], axis=0)
-        rows.append(int(np.argmax(away)))
-    return source, target, truth, rows
+    return source, target, truth, far_apart(source.vertices, 5)
 
 
 def run(pair, steer: bool, aims: np.ndarray | None = None, **more):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from femors_addon import cli, deckfiles, keptfield, landmarkfiles, meshfiles, shapes
-from femors_addon.align import homogeneous, transformed
 from femors_addon.carry import Carrier
 from femors_addon.keptfield import KeptField
 from femors_addon.mesh import Surface
@@ -19,6 +18,7 @@ from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
 from femors_addon.transfer import Transfer
 from femors_addon.transfer_settings import TransferSettings
+from femors_addon.transforms import homogeneous, transformed
 from femors_addon.volume import Block, VolumeMesh
 from femors_addon.volume_quality import scaled_jacobians
 

@@ -23,6 +23,7 @@ SHAPE = (
 )
 """The distance from the target first: the other is nothing where vertices are laid onto the target."""
 WORDS = {"median": "median", "p99": "99 %", "maximum": "max"}
+MARGINS = 80  # pixels of a sidebar beside a sentence and its icon, in a box or not, at scale 1
 COUNTS = (("Flipped faces", "flipped"), ("Self-intersecting", "self_intersecting"))
 UNITS = {
     "KILOMETERS": (1e3, "km"),
@@ -137,17 +138,27 @@ def draw_sentence(
     layout: bpy.types.UILayout, context: bpy.types.Context, sentence: str, icon: str = "NONE"
 ) -> None:
     """Draw a sentence over as many lines as the region's width asks for."""
+    import blf
+
     scale = context.preferences.system.ui_scale
-    width = max(int((context.region.width / scale - 50) / 6.5), 20)
+    blf.size(0, bpy.context.preferences.ui_styles[0].widget.points * scale)
+    room = max(context.region.width - MARGINS * scale, 80 * scale)
     column = layout.column(align=True)
     column.scale_y = 0.8
     line = ""
     icons = [icon]
     for word in [*sentence.split(), ""]:
-        if line and (not word or len(line) + len(word) > width):
+        if line and (not word or blf.dimensions(0, f"{line} {word}")[0] > room):
             column.label(text=line, icon=icons.pop() if icons else ("BLANK1" if icon != "NONE" else "NONE"))
             line = ""
         line = f"{line} {word}".strip()
+
+
+def draw_beside(heading: bpy.types.UILayout, scrolled: bool) -> None:
+    """Leave room in a table's heading for the list's frame, and for its scroll bar where it has one."""
+    beside = heading.row()
+    beside.ui_units_x = 1.4 if scrolled else 0.3
+    beside.label(text="")
 
 
 def draw_row(
@@ -156,10 +167,13 @@ def draw_row(
     """Draw a line of a table: its title, and figures to the right; `factor` is the title's share."""
     row = layout.row()
     row.scale_y = 0.7
-    split = row.split(factor=factor or 0.5)
-    split.label(text=title)
-    for text in values:
-        cell = split.row()
+    rest = row.split(factor=factor or 0.5)
+    rest.label(text=title)
+    for place, text in enumerate(values):
+        left = len(values) - place
+        if left > 1:  # columns of one width, whatever stands in them
+            rest = rest.split(factor=1.0 / left)
+        cell = rest.row()
         cell.alignment = "RIGHT"
         cell.alert = alert
         cell.label(text=text)

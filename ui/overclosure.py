@@ -12,9 +12,16 @@ from ..femors_addon.settings import specs
 from ..operators import bodies, dependencies
 from ..operators.job import JobOperator
 from ..operators.overclosure import gap
-from .figures import draw_row, draw_sentence, fixed, length_unit, number, parsed
+from .figures import draw_beside, draw_row, draw_sentence, fixed, length_unit, number, parsed
+from .overclosure_figures import draw_removal
 from .panels import FemorsPanel, draw_own_job
 
+BODY = 0.55
+"""Of the width of the list of bodies: their names."""
+NAMES = 0.6
+"""Of the width of the table of pairs."""
+ROWS = 6
+"""Of the table of pairs, before it is scrolled."""
 SHOWN = 12
 """Bodies that the panel lists."""
 ICONS = {"clear": "CHECKMARK", "too near": "ERROR", "overlap": "CANCEL", "contained": "CANCEL"}
@@ -22,7 +29,7 @@ WORDS = {"clear": "clear", "too near": "too near", "overlap": "overlap", "contai
 
 
 class FEMORS_UL_pairs(bpy.types.UIList):
-    """Pairs of bodies with depth, nodes over and state."""
+    """Pairs of bodies with depth and state; all else is told of the one that is clicked."""
 
     bl_idname = "FEMORS_UL_pairs"
 
@@ -35,7 +42,7 @@ class FEMORS_UL_pairs(bpy.types.UIList):
         cells = row.row(align=True)
         cells.active = not item.exclude
         depth = fixed(factor * item.depth) if item.depth > 0 else "-"
-        _cells(cells, (item.one, item.two), depth, str(item.over), ICONS.get(item.state, "BLANK1"))
+        _cells(cells, (item.one, item.two), depth, ICONS.get(item.state, "BLANK1"))
 
     def filter_items(self, context, data, name):
         """Keep the order; find a body by its name."""
@@ -101,15 +108,19 @@ class FEMORS_PT_overclosure_pairs(FemorsPanel, bpy.types.Panel):
         layout = self.layout
         layout.enabled = JobOperator.current is None
         form = context.scene.femors_overclosure
+        report = parsed(form.report)
+        if report["kind"] == "check":
+            for warning in report.get("warnings", ()):
+                draw_sentence(layout, context, warning, "ERROR")
         if not len(form.pairs):
             layout.label(text="No two bodies are near each other", icon="CHECKMARK")
             return
-        _, unit = length_unit(context.scene.unit_settings)
         column = layout.column(align=True)
         heading = column.row(align=True)
         heading.scale_y = 0.7
         heading.label(text="", icon="BLANK1")
-        _cells(heading, (f"Pair ({unit})",), "Depth", "Nodes", "BLANK1")
+        _cells(heading, ("Pair",), "Depth", "BLANK1")
+        draw_beside(heading, len(form.pairs) > ROWS)
         column.template_list(
             FEMORS_UL_pairs.bl_idname,
             "",
@@ -117,7 +128,7 @@ class FEMORS_PT_overclosure_pairs(FemorsPanel, bpy.types.Panel):
             "pairs",
             form,
             "pair_index",
-            rows=min(max(len(form.pairs), 2), 8),
+            rows=min(max(len(form.pairs), 2), ROWS),
         )
         if 0 <= form.pair_index < len(form.pairs):
             draw_pair(layout, context, form.pairs[form.pair_index])
@@ -177,8 +188,12 @@ def draw_bodies(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if not items:
         return
     box = layout.box().column(align=True)
+    heading = box.split(factor=BODY, align=True)
+    heading.scale_y = 0.7
+    heading.label(text="Body")
+    heading.label(text="Gives way by")
     for item in items[:SHOWN]:
-        split = box.split(factor=0.55, align=True)
+        split = box.split(factor=BODY, align=True)
         split.label(text=item.name, icon="MESH_DATA")
         role = split.row(align=True)
         if bodies.is_linked(item):
@@ -195,21 +210,20 @@ def draw_bodies(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 def draw_pair(layout: bpy.types.UILayout, context: bpy.types.Context, pair: Any) -> None:
     """Draw a pair in full, with what may be asked of it."""
-    factor, _ = length_unit(context.scene.unit_settings)
+    factor, unit = length_unit(context.scene.unit_settings)
+    named, cubed = ("", "") if unit == "scene units" else (f" ({unit})", f" ({unit}³)")
     box = layout.box().column(align=True)
     box.label(text=pair.one, icon="MESH_DATA")
     box.label(text=pair.two, icon="MESH_DATA")
     if pair.state in WORDS:
-        measured = f"{number(factor * pair.depth)} deep" if pair.depth > 0 else ""
-        measured = measured or f"{number(factor * pair.least)} apart"
-        words = [WORDS[pair.state], measured]
-        if pair.over:
-            words.append(f"{pair.over} nodes over")
-        if pair.crossings:
-            words.append(f"{pair.crossings} pairs of triangles cross")
-        if pair.shared > 0:
-            words.append(f"shared volume {number(factor**3 * pair.shared)}")
-        draw_sentence(box, context, ", ".join(words), ICONS[pair.state])
+        box.label(text=WORDS[pair.state].capitalize(), icon=ICONS[pair.state])
+        deep = pair.depth > 0
+        lines = [("Depth" if deep else "Gap", number(factor * (pair.depth if deep else pair.least)), named)]
+        lines += [("Nodes too near", str(pair.over), "")] if pair.over else []
+        lines += [("Crossing triangles", str(pair.crossings), "")] if pair.crossings else []
+        lines += [("Shared volume", number(factor**3 * pair.shared), cubed)] if pair.shared > 0 else []
+        for words, value, its_unit in lines:
+            draw_row(box, words + its_unit, value, factor=0.68)
     box.prop(pair, "exclude", text="May overlap (excluded)")
     row = box.row(align=True)
     row.active = not pair.exclude
@@ -219,84 +233,17 @@ def draw_pair(layout: bpy.types.UILayout, context: bpy.types.Context, pair: Any)
     value.prop(pair, "gap", text="")
 
 
-def draw_removal(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict[str, Any]) -> None:
-    """Draw the certificate, the pairs before and after, and what became of each body."""
-    factor, unit = length_unit(context.scene.unit_settings)
-    verdict = layout.column(align=True)
-    draw_sentence(verdict, context, report["certificate"], "CHECKMARK" if report["certified"] else "CANCEL")
-    for warning in report["warnings"]:
-        draw_sentence(verdict, context, warning, "ERROR")
-    after = {(pair["one"], pair["two"]): pair for pair in report["pairs"]["after"]}
-    column = layout.column(align=True)
-    draw_row(column, f"Gap ({unit})", "before", "after")
-    box = column.box().column(align=True)
-    for pair in report["pairs"]["before"]:
-        now = after.pop((pair["one"], pair["two"]), None)
-        _pair_row(
-            box,
-            pair,
-            number(factor * pair["least"]),
-            "apart" if now is None else number(factor * now["least"]),
-            alert=now is not None and now["state"] != "clear",
-        )
-    for pair in after.values():
-        _pair_row(box, pair, "apart", number(factor * pair["least"]))
-    before, now = (report["pairs"][key] for key in ("before", "after"))
-    box = column.box().column(align=True)
-    for title, count in (
-        ("Crossing triangles", lambda pairs: str(sum(pair["crossings"] for pair in pairs))),
-        ("Nodes over", lambda pairs: str(sum(sum(pair["over"]) for pair in pairs))),
-        ("Shared volume", lambda pairs: _volume(pairs, factor)),
-    ):
-        draw_row(box, title, count(before), count(now))
-    for body in report["bodies"]:
-        draw_body(column, factor, body)
-
-
-def draw_body(layout: bpy.types.UILayout, factor: float, body: dict[str, Any]) -> None:
-    """Draw how a body moved and changed."""
-    box = layout.box().column(align=True)
-    if not body["nodes_moved"]:
-        draw_row(box, body["name"], "", "rigid" if body["rigid"] else "not moved")
-        return
-    draw_row(box, body["name"], "", "")
-    draw_row(box, "    Nodes moved", "", str(body["nodes_moved"]))
-    draw_row(box, "    Moved up to", "", number(factor * body["movement"]["maximum"]))
-    if body["xor"] is not None:
-        draw_row(box, "    Changed volume", "", f"{100 * body['xor']:.2g} %")
-    if body["thickness"] is not None:
-        draw_row(box, "    Thinned up to", "", f"{100 * body['thickness_lost']:.2g} %")
-    if body["scaled_jacobian"] is not None:
-        figures = (f"{body['scaled_jacobian'][side]['minimum']:.3f}" for side in ("before", "after"))
-        draw_row(box, "    Jacobian, min", *figures)
-        new = len(body["newly_inverted"])
-        draw_row(box, "    Newly inverted", "", str(new), alert=new > 0)
-
-
-def _volume(pairs: list[dict[str, Any]], factor: float) -> str:
-    shared = [pair["shared"] for pair in pairs]
-    return "-" if None in shared else number(factor**3 * sum(shared))
-
-
-def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, over: str, icon: str) -> None:
+def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, icon: str) -> None:
     """Draw a row of the table of pairs, the two names one below the other."""
-    split = layout.split(factor=0.5, align=True)
+    split = layout.split(factor=NAMES, align=True)
     column = split.column(align=True)
-    column.scale_y = 0.5 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
+    column.scale_y = 0.55 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
     for name in names:
         column.label(text=name)
-    cells = split.split(factor=0.54)
-    for text in (depth, over):
-        cell = cells.row()
-        cell.alignment = "RIGHT"
-        cell.label(text=text)
+    cell = split.row()
+    cell.alignment = "RIGHT"
+    cell.label(text=depth)
     layout.label(text="", icon=icon)
-
-
-def _pair_row(layout: bpy.types.UILayout, pair: dict[str, Any], *cells: str, alert: bool = False) -> None:
-    """Draw two names one below the other, and two figures beside the second."""
-    draw_row(layout, pair["one"], "", "")
-    draw_row(layout, f"    {pair['two']}", *cells, alert=alert)
 
 
 classes = (

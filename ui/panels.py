@@ -177,7 +177,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     box.progress(factor=job.fraction, text=f"{job.title}  {job.fraction:.0%}  ({seconds} s)")
     words = job.text.split(", ")
     lines = box.column(align=True)  # always three, or the button below would move under the mouse
-    lines.label(text=", ".join(words[:2]).capitalize())
+    stage = ", ".join(words[:2])
+    lines.label(text=stage[:1].upper() + stage[1:])  # names in it stay as they are
     lines.label(text=", ".join(words[2:]))
     lines.label(text=time_left(job).capitalize())
     row = box.row()

@@ -83,6 +83,9 @@ def draw_quality(layout: bpy.types.UILayout, found: dict[str, Any], context: bpy
     box = column.box().column(align=True)
     mesh = found["mesh"]
     _line(box, "Vertices, triangles", (str(mesh["vertices"]), str(mesh["faces"])))
+    given = mesh.get("given_vertices", mesh["vertices"])
+    if given > mesh["vertices"]:
+        _line(box, "Before merging", (str(given), ""))
     _line(box, "Pieces", (str(mesh["pieces"]),))
     _line(box, "Open edges", (str(mesh["open_edges"]),))
     plain = unit == "scene units"

@@ -10,29 +10,31 @@ import bpy
 from ..operators import fields
 from ..operators.job import JobOperator
 from ..operators.lazy import np
-from .figures import draw_sentence, fixed, length_unit, number
+from .figures import draw_beside, draw_row, draw_sentence, fixed, length_unit, number
 from .panels import FemorsPanel, draw_own_job
 
-COLUMNS = (("distance", "away"), ("residual", "fit"), ("stretch", "scale"), ("spread", "spread"))
-NAMES = 0.36  # of the table's width; with more columns less
-SCROLLBAR = 1.4  # its width and the frame's, in Blender's units
-LENGTHS = ("distance", "residual", "spread")
+FIGURES = {
+    "distance": ("Away", "Away from the source"),
+    "residual": ("Fit", "Target away from the morph"),
+    "stretch": ("Scale", "Scale of the surface"),
+    "projected": ("Projected", "Projected by"),
+    "spread": ("Spread", "Spread of templates"),
+}
+"""Of a landmark: the head of the table's column, and the words below the table."""
+NAMES = 0.74  # of the table's width
+ROWS = 6
+LENGTHS = ("distance", "residual", "projected", "spread")
 
 
 class FEMORS_UL_marks(bpy.types.UIList):
-    """Landmarks with what tells how far to trust each."""
+    """Landmarks, each with one figure that tells how far to trust it; the others are below the table."""
 
     bl_idname = "FEMORS_UL_marks"
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flag=0):
         """Draw a row."""
         factor, _ = length_unit(context.scene.unit_settings)
-        cells = []
-        for name, _ in columns(data):
-            value = getattr(item, name)
-            unknown = (name == "spread" and value < 0) or (name == "residual" and not np.isfinite(value))
-            cells.append("-" if unknown else fixed(value * (factor if name in LENGTHS else 1.0)))
-        draw_cells(layout, item.name, cells)
+        draw_cells(layout, item.name, figure(item, column(data), factor))
 
     def filter_items(self, context, data, name):
         """Sort as the form says; the largest figures first."""
@@ -64,21 +66,26 @@ def _weight(name: str, value: float) -> float:
     return abs(value) if name == "distance" else value
 
 
-def columns(form: Any) -> tuple[tuple[str, str], ...]:
-    """Return the columns that say something: without several templates there is no spread."""
-    return COLUMNS if any(mark.spread >= 0 for mark in form.marks) else COLUMNS[:-1]
+def column(form: Any) -> str:
+    """Return the figure that the table shows: the one that it is sorted by, else the fit."""
+    return form.sort if form.sort in FIGURES else "residual"
 
 
-def draw_cells(layout: bpy.types.UILayout, title: str, cells: list[str]) -> None:
-    """Draw a name and right-aligned cells."""
-    rest = layout.split(factor=NAMES if len(cells) < 4 else NAMES - 0.06, align=True)
-    rest.label(text=title)
-    for left in range(len(cells), 0, -1):  # columns of one width, whatever stands in them
-        if left > 1:
-            rest = rest.split(factor=1.0 / left, align=True)
-        cell = rest.row()
-        cell.alignment = "RIGHT"
-        cell.label(text=cells[len(cells) - left])
+def figure(mark: Any, name: str, factor: float) -> str:
+    """Return a landmark's figure in the scene's unit; "-" where it is not known."""
+    value = getattr(mark, name)
+    if (name == "spread" and value < 0) or not np.isfinite(value):
+        return "-"
+    return fixed(value * (factor if name in LENGTHS else 1.0))
+
+
+def draw_cells(layout: bpy.types.UILayout, title: str, text: str) -> None:
+    """Draw a name and a figure to the right."""
+    split = layout.split(factor=NAMES, align=True)
+    split.label(text=title)
+    cell = split.row()
+    cell.alignment = "RIGHT"
+    cell.label(text=text)
 
 
 class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
@@ -127,8 +134,8 @@ class FEMORS_PT_marks(FemorsPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table, and the button that writes it."""
         layout, form = self.layout, context.scene.femors_transfer
-        _, unit = length_unit(context.scene.unit_settings)
-        words = layout.column()
+        factor, unit = length_unit(context.scene.unit_settings)
+        words = layout.column(align=True)
         words.scale_y = 0.8
         words.label(text=form.title)
         words.label(text=f"lengths in {unit}")
@@ -138,13 +145,23 @@ class FEMORS_PT_marks(FemorsPanel, bpy.types.Panel):
         row.prop(form, "sort", text="Sort by")
         head = layout.row(align=True)
         head.scale_y = 0.7
-        draw_cells(head.row(), "Name", [title for _, title in columns(form)])
-        beside = head.row()
-        beside.ui_units_x = SCROLLBAR
-        beside.label(text="")
-        layout.template_list("FEMORS_UL_marks", "", form, "marks", form, "mark", rows=6)
+        draw_cells(head.row(), "Name", FIGURES[column(form)][0])
+        draw_beside(head, len(form.marks) > ROWS)
+        layout.template_list("FEMORS_UL_marks", "", form, "marks", form, "mark", rows=ROWS)
+        if 0 <= form.mark < len(form.marks):
+            draw_mark(layout, form.marks[form.mark], factor)
         export = layout.operator("femors.export_landmarks", text="Export Table", icon="EXPORT")
         export.use_table = export.use_figures = True
+
+
+def draw_mark(layout: bpy.types.UILayout, mark: Any, factor: float) -> None:
+    """Draw all figures of a landmark, in words."""
+    box = layout.box().column(align=True)
+    box.label(text=mark.name, icon="EMPTY_AXIS")
+    for name, (_, words) in FIGURES.items():
+        if (name == "spread" and mark.spread < 0) or (name == "projected" and not mark.projected):
+            continue  # there were no several templates, or no projection
+        draw_row(box, words, figure(mark, name, factor), factor=NAMES)
 
 
 def draw_fields(
@@ -195,7 +212,11 @@ def draw_form(layout: bpy.types.UILayout, form: Any, head: dict[str, Any]) -> No
 
 def draw_files(layout: bpy.types.UILayout) -> None:
     """Draw the buttons for landmark files."""
-    row = layout.row(align=True)
+    column = layout.column(align=True)
+    heading = column.row()
+    heading.scale_y = 0.7
+    heading.label(text="Landmark files")
+    row = column.row(align=True)
     row.operator("femors.import_landmarks", text="Import", icon="IMPORT")
     row.operator("femors.export_landmarks", text="Export", icon="EXPORT")
 

@@ -10,7 +10,7 @@ from .messages import subject
 from .tables import cell, code, table
 
 PUBLIC = (
-    *("mesh", "morph", "morph_settings", "morph_result", "align", "grnn"),
+    *("mesh", "cleaning", "morph", "morph_settings", "morph_result", "align", "transforms", "grnn"),
     *("keptfield", "carry", "transfer", "landmarks", "landmarkfiles", "regions"),
     *("overclosure", "bodies", "overclosure_settings", "overclosure_result"),
     *("overclosure_check", "findings"),

@@ -46,7 +46,8 @@ def one(row: str) -> dict[str, object]:
     """Compute a row; run in a process of its own."""
     import numpy as np
 
-    from femors_addon.mesh import Surface, clean
+    from femors_addon.cleaning import clean
+    from femors_addon.mesh import Surface
     from femors_addon.morph import PRESETS, morph
     from femors_addon.quality import Stat, compare
 

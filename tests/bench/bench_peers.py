@@ -54,9 +54,10 @@ def ours(where: Path) -> dict[str, Any]:
     import numpy as np
     from counting import counting
 
-    from femors_addon.align import transformed
-    from femors_addon.mesh import Surface, clean
+    from femors_addon.cleaning import clean
+    from femors_addon.mesh import Surface
     from femors_addon.morph import morph
+    from femors_addon.transforms import transformed
 
     with np.load(DATA / "femur_pair" / "meshes.npz") as meshes:
         pair = [Surface(meshes[f"{side}_vertices"], meshes[f"{side}_faces"]) for side in ("source", "target")]
@@ -157,7 +158,7 @@ def _log2(value: float) -> float:
 
 PLOT = """
 import json, sys
-import matplotlib; matplotlib.use("Agg")
+import matplotlib, matplotlib.ticker; matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 found, names, out = json.load(open(sys.argv[1])), json.loads(sys.argv[2]), sys.argv[3]
 figure, (one, two) = plt.subplots(1, 2, figsize=(11, 4.5))
@@ -165,7 +166,7 @@ for name, row in found["rows"].items():
     p99 = row["figures"]["target_to_surface"]["p99"]
     one.loglog(row["seconds"], p99, "o", color="C3" if name == "femors" else "C0")
     right = row["seconds"] > 10  # the names of the slow ones stand to the left, within the plot
-    place = dict(xytext=(-6, -11), ha="right") if right else dict(xytext=(5, 4))
+    place = dict(xytext=(-6, -11), ha="right") if right else dict(xytext=(6, -11 if name == "femors" else 4))
     label = dict(place, textcoords="offset points", fontsize=7)
     one.annotate(names[name].replace("*", ""), (row["seconds"], p99), **label)
 one.set(xlabel="CPU seconds", ylabel="target to result, 99th percentile (mm)", title="Accuracy against time")
@@ -173,6 +174,10 @@ one.margins(0.25)
 nodes = [row["nodes"] for row in found["growth"]]
 two.loglog(nodes, [row["seconds"] for row in found["growth"]], "o-", color="C3")
 two.set(xlabel="nodes of each mesh", ylabel="CPU seconds", title="Growth")
+for axis in (one.xaxis, one.yaxis, two.xaxis, two.yaxis):
+    axis.set_major_locator(matplotlib.ticker.LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:,g}")
+    axis.set_minor_formatter("")
 figure.tight_layout(); figure.savefig(out, dpi=110)
 """
 

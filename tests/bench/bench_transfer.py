@@ -24,7 +24,8 @@ import warps as random_maps  # noqa: E402
 
 from femors_addon import deckfiles, meshfiles, shapes  # noqa: E402
 from femors_addon.carry import Carrier  # noqa: E402
-from femors_addon.mesh import Surface, clean  # noqa: E402
+from femors_addon.cleaning import clean  # noqa: E402
+from femors_addon.mesh import Surface  # noqa: E402
 from femors_addon.morph import MorphSettings, morph  # noqa: E402
 from femors_addon.nearest import SurfaceIndex  # noqa: E402
 from femors_addon.reduce import reduced  # noqa: E402

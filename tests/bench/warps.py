@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from femors_addon.align import transformed
-from femors_addon.mesh import Surface, clean
+from femors_addon.cleaning import clean
+from femors_addon.mesh import Surface
 from femors_addon.morph import morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.reduce import reduced
+from femors_addon.transforms import transformed
 
 BONES = ("bone_femur", "bone_patella", "bone_tibia_fibula")
 SEEDS = (1, 2)

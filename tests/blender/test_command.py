@@ -39,6 +39,9 @@ def test_bad_input_is_one_line(part, capfd, tmp_path):
     said = capfd.readouterr().err.strip()
     assert code == 2
     assert "absent.stl" in said and "Traceback" not in said and said.count("\n") == 0
+    assert part("operators.command").run(["mroph"]) == 2
+    said = capfd.readouterr().err.strip()
+    assert "did you mean morph?" in said and said.count("\n") == 0
 
 
 def test_it_runs_in_a_blender_of_its_own(files, tmp_path):

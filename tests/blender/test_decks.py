@@ -593,7 +593,7 @@ def test_elements_are_measured_and_coloured(deck, part, core):
     found = json.loads(item.femors.quality)
     assert found["elements"]["inverted"] > 0
     assert bpy.ops.femors.show_heat(quantity="scaled_jacobian") == {"FINISHED"}
-    values = part("operators.heat").values_of(item, "scaled_jacobian")
+    values = part("operators.heat_values").values_of(item, "scaled_jacobian")
     assert values.shape == (len(item.data.vertices),)
     assert values[40] == values.min() == pytest.approx(found["elements"]["minimum"])
     assert values.max() == pytest.approx(1.0)

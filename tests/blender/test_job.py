@@ -55,6 +55,7 @@ def context(extension, part, monkeypatch):
         context, data = fake, Data
 
     monkeypatch.setattr(module, "bpy", Bpy)
+    monkeypatch.setattr(part("operators.job_thread"), "bpy", Bpy)
     monkeypatch.setattr(module, "redraw", lambda: None)
     return fake
 
@@ -196,6 +197,10 @@ def test_the_core_is_imported_in_the_thread(context, part, monkeypatch, name):
         def report(self, level, line):
             told.append((level, line))
 
+        @classmethod
+        def missing(cls, context):
+            return ""
+
         def prepare(self, context):
             where.append((threading.current_thread(), f"{module.CORE}.{name}" in sys.modules))
             return lambda progress: 42
@@ -221,6 +226,40 @@ def test_the_core_is_imported_in_the_thread(context, part, monkeypatch, name):
         assert answer == {"FINISHED"} and told == [({"INFO"}, "gave 42")]
     else:
         assert not where and answer == {"CANCELLED"} and "no_such_module" in told[0][1]
+    assert module.JobOperator.current is None and context.timers == 0
+
+
+def test_what_the_button_asks_for_is_asked_again_after_the_import(context, part, monkeypatch):
+    """Edit Mode may be entered, or a mesh deleted, while the core is imported in the thread."""
+    module = part("operators.job")
+    monkeypatch.delitem(sys.modules, f"{module.CORE}.limits", raising=False)
+    monkeypatch.setattr(module.bpy, "app", SimpleNamespace(background=False), raising=False)
+    told, prepared = [], []
+
+    class Operator(module.JobOperator):
+        core = ("limits",)
+
+        @classmethod
+        def missing(cls, context):
+            return "" if context.mode == "OBJECT" else "Leave Edit Mode first"
+
+        def report(self, level, line):
+            told.append((level, line))
+
+        def prepare(self, context):
+            prepared.append(1)
+
+    class Event:
+        type, value = "TIMER", "NOTHING"
+
+    context.mode, context.window = "OBJECT", object()
+    monkeypatch.setattr(context, "modal_handler_add", lambda operator: None, raising=False)
+    operator = Operator()
+    assert operator.run_modal(context) == {"RUNNING_MODAL"}
+    context.mode = "EDIT_MESH"
+    wait_for(lambda: not operator._job.alive)
+    assert operator.modal(context, Event) == {"CANCELLED"}
+    assert told == [({"ERROR"}, "Leave Edit Mode first")] and not prepared
     assert module.JobOperator.current is None and context.timers == 0
 
 

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cleaning: what a mesh as users have it needs before the maths: merged, without bad faces, outward."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
+
+from . import triples
+from .mesh import Float, Int, Surface
+from .orientation import oriented
+from .progress import FemorsError
+
+MERGED = "merged for the maths"
+"""How a note ends that is no warning: any STL file has each vertex several times."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A surface fit for the maths, and the way back to the mesh that it was made from.
+
+    Attributes
+    ----------
+    surface : Surface
+        Merged, without degenerate or duplicate faces and unreferenced vertices, oriented outward.
+    vertex_map : (n,) int32
+        For each original vertex its index in `surface`, or -1 where no face used it.
+    face_map : (k,) int32
+        For each face of `surface` the original triangle.
+    notes : tuple of str
+        What was mended, in words.
+    """
+
+    surface: Surface
+    vertex_map: Int
+    face_map: Int
+    notes: tuple[str, ...]
+
+
+def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Cleaned:
+    """Merge, deduplicate and orient a triangle mesh; the input is left as it is.
+
+    Vertices at equal coordinates are merged; a triangle soup that shares no vertex even so (an
+    ASCII file with rounded numbers, say) is merged at a millionth of its size. Winding is made
+    consistent and outward component by component; a closed shell inside another points inward.
+
+    Raises
+    ------
+    FemorsError
+        No faces, fewer than four vertices, no extent in some direction, non-finite coordinates.
+    """
+    raw = _named(name, vertices, triangles)
+    notes: list[str] = []
+    merged, vertex_map = _merge(raw)
+    faces = merged[raw.faces] if len(raw.faces) else raw.faces
+    faces, face_map = _proper_faces(faces, raw.vertices[vertex_map], notes)
+    if len(faces) < 4:
+        raise FemorsError(f"{name}: {len(faces)} usable face(s) are not a surface; at least 4 are needed")
+    used, compact = np.unique(faces, return_inverse=True)
+    faces = compact.reshape(-1, 3).astype(np.int32)
+    positions = raw.vertices[vertex_map[used]]
+    _check_extent(positions, name)
+    lookup = np.full(len(vertex_map), -1, dtype=np.int32)
+    lookup[used] = np.arange(len(used), dtype=np.int32)
+    to_clean = lookup[merged]
+    shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
+    if shared:
+        notes.append(f"{shared} vertices stood twice or more and were merged for the maths")
+    unused = int((to_clean < 0).sum())
+    if unused:
+        notes.append(f"{unused} vertices belong to no face")
+    surface, turned = oriented(Surface(positions, faces))
+    if turned:
+        notes.append(f"{turned} of {len(faces)} faces were wound inward and turned for the maths")
+    return Cleaned(surface, to_clean, face_map, tuple(f"{name}: {note}" for note in notes))
+
+
+def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
+    try:
+        surface = Surface(np.asarray(vertices), np.asarray(triangles))
+    except FemorsError as error:
+        raise FemorsError(f"{name}: {error}") from None
+    if len(surface.faces) == 0:
+        raise FemorsError(f"{name}: has no faces; a surface mesh is needed")
+    return surface
+
+
+def _merge(surface: Surface) -> tuple[Int, Int]:
+    """Return (for each vertex its merged index, for each merged vertex one original index)."""
+    first, inverse = triples.unique_rows(surface.vertices)
+    if len(first) == 3 * len(surface.faces) and len(surface.faces) > 1:
+        pairs = cKDTree(surface.vertices[first]).query_pairs(1e-6 * surface.diagonal, output_type="ndarray")
+        graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(first),) * 2)
+        _, group = csgraph.connected_components(graph, directed=False)
+        inverse = group[inverse]
+    # number merged vertices by their first appearance: file order survives the merge
+    _, first, inverse = np.unique(inverse, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty(len(order), dtype=np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    return rank[inverse.ravel()], first[order].astype(np.int32)
+
+
+def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:
+    """Drop faces with a repeated vertex, of no area, or standing twice."""
+    a, b, c = faces.T
+    corners = positions[faces]
+    area = triples.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    longest = triples.longest_squared(corners)
+    proper = (a != b) & (b != c) & (c != a)
+    proper &= triples.dot(area, area) > (1e-12 * longest) ** 2
+    keep = np.flatnonzero(proper)
+    first, _ = triples.unique_rows(np.sort(faces[keep], axis=1))
+    kept = keep[np.sort(first)]
+    if len(keep) < len(faces):
+        notes.append(f"{len(faces) - len(keep)} faces have no area and were left out of the maths")
+    if len(kept) < len(keep):
+        notes.append(f"{len(keep) - len(kept)} faces stand twice and were counted once")
+    return faces[kept], kept.astype(np.int32)
+
+
+def _check_extent(positions: Float, name: str) -> None:
+    centred = positions - positions.mean(axis=0)
+    scale = np.abs(centred).max()
+    if not scale > 0:
+        raise FemorsError(f"{name}: all vertices are at one point")
+    singular = np.linalg.svd((centred / scale), compute_uv=False)
+    if len(singular) < 3 or singular[2] < 1e-6 * singular[0]:
+        raise FemorsError(f"{name}: all vertices lie in one plane; a surface with depth is needed")

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faces that a displacement folds over, presses flat or makes cross others, and smoothing that mends them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from . import triples
+from .intersect import self_intersections
+from .mesh import Float, Int, Surface
+
+PATCHES = (1, 1, 2, 2, 3, 3, 4)  # edges around a bad face, one attempt after the other
+FLAT = 1e-3  # height by longest side: a face below it is pressed flat
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reference:
+    """A surface that moved ones are compared with, and what was wrong with it already."""
+
+    surface: Surface
+
+    @cached_property
+    def facing(self) -> Float:
+        """Cosine (m,) of each face with its surroundings, see `_facing`."""
+        return _facing(self.surface)
+
+    @cached_property
+    def slimness(self) -> Float:
+        """Height over longest side (m,) of each face."""
+        return _slimness(self.surface)
+
+    @cached_property
+    def crossing(self) -> Int:
+        """Faces (k,) int32 that cross others, ascending."""
+        return np.unique(self_intersections(self.surface))
+
+
+def folded(reference: Reference, moved: Surface) -> Int:
+    """Faces folded over or pressed flat, or about to be, in `moved`, but not in `reference`.
+
+    A face folds over against its own surroundings. It is pressed flat where nodes come to lie on one
+    point or line, as they may where a coarse target has a corner.
+    """
+    before = reference.facing
+    over = (before > 0) & (_facing(moved) < np.minimum(0.05, 0.5 * before))
+    flat = (_slimness(moved) < FLAT) & (reference.slimness >= FLAT)
+    return np.flatnonzero(over | flat).astype(np.int32)
+
+
+def _slimness(surface: Surface) -> Float:
+    """Height over longest side (m,) of each face; 0 without a side."""
+    longest = triples.longest_squared(surface.corners)
+    return 2.0 * surface.face_areas / np.maximum(longest, np.finfo(float).tiny)
+
+
+def _facing(surface: Surface) -> Float:
+    """Cosine (m,) between a face's normal and the mean of the normals at its corners."""
+    around = triples.total(surface.vertex_normals.take(surface.faces, axis=0))
+    return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around))
+
+
+def bad_faces(reference: Reference, moved: Surface) -> Int:
+    """Faces folded over or crossing others in `moved`, though not in `reference`."""
+    crossing = np.unique(self_intersections(moved))
+    if len(crossing):
+        crossing = np.setdiff1d(crossing, reference.crossing)
+    return np.union1d(folded(reference, moved), crossing).astype(np.int32)
+
+
+def unfolded(
+    reference: Reference,
+    displacement: Float,
+    mean: sparse.csr_matrix,
+    judge: Callable[[Reference, Surface], Int],
+    free: Float | None = None,
+) -> tuple[Float, Int]:
+    """Mend faces that fold over or cross others, by as little as helps.
+
+    Around each bad face the displacement is replaced by the harmonic one that its surroundings ask
+    for, in a patch that grows until the face is well: far enough out, the patch moves as one.
+    `judge` names the bad faces of a reference and a moved surface; where folds alone do not end it, it
+    is asked once they are gone: `bad_faces` costs more than `folded`. Nodes whose `free` is 0 stay.
+
+    Returns
+    -------
+    displacement : (n, 3) float64
+        The best state met: with the fewest folds, then with the fewest bad faces.
+    left : (k,) int32
+        Bad faces in it, as `judge` names them.
+    """
+    surface = reference.surface
+    best, left, current = displacement, None, displacement
+    fewest = (len(surface.faces) + 1, 0)
+    for rings in (*PATCHES, 0):
+        moved = surface.moved(surface.vertices + current)
+        faces = folded(reference, moved)
+        folds, judged = len(faces), not len(faces) or not rings
+        if judged:
+            faces = judge(reference, moved)
+        if (folds, len(faces)) < fewest:
+            best, left, fewest = current, faces if judged else None, (folds, len(faces))
+        if not len(faces) or not rings:
+            break
+        current = _harmonic(current, surface.faces[faces].ravel(), mean, rings, free)
+    if left is None:  # only its folds are known
+        left = judge(reference, surface.moved(surface.vertices + best))
+    return best, left
+
+
+def _harmonic(
+    displacement: Float, nodes: Int, mean: sparse.csr_matrix, rings: int, free: Float | None
+) -> Float:
+    """Replace the displacement within `rings` edges of the nodes by the mean of its neighbours."""
+    inside = np.zeros(len(displacement), dtype=bool)
+    inside[nodes] = True
+    for _ in range(rings - 1):
+        inside |= mean @ inside.astype(float) > 0
+    if free is not None:
+        inside &= free > 0
+    rows = mean[np.flatnonzero(inside)]
+    out = displacement.copy()
+    for _ in range(4 * rings * rings):
+        out[inside] = rows @ out
+    return out

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How a morph came out: its result on the mesh as given, measured, with a verdict in words."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from . import triples
+from .carry import Carrier
+from .cleaning import Cleaned
+from .folds import Reference
+from .grnn import DisplacementField
+from .keptfield import KeptField
+from .mesh import Float, Surface
+from .morph_result import MorphResult, Step
+from .morph_settings import MorphSettings
+from .nearest import Closest, SurfaceIndex
+from .progress import Progress
+from .quality import Comparison, compare
+from .transforms import transformed
+
+REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfaces are closer than an
+# edge and this
+ROUNDED = 1e-9  # of the size: no distance at all
+AT_PLACE = 1e-12  # of the size: a node stands where it was laid
+LARGE_SPREAD = 0.25  # of the size: the first spread of a preset in another unit
+LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a morph ends with, on the cleaned meshes.
+
+    Attributes
+    ----------
+    source, target : Cleaned
+        The two, and the way back to what was given.
+    matrix : (4, 4) float64
+        The alignment.
+    reference : Reference
+        The aligned source (c nodes).
+    index : SurfaceIndex
+        Of the target.
+    field : DisplacementField
+        Its centres are the aligned nodes, its displacements their movement.
+    landed : (c, 3) float64
+        Where on the target each of them was laid last; NaN where that is not known.
+    bad : int
+        Faces that stayed folded or crossing.
+    """
+
+    source: Cleaned
+    target: Cleaned
+    matrix: Float
+    reference: Reference
+    index: SurfaceIndex
+    field: DisplacementField
+    landed: Float
+    bad: int
+
+    @cached_property
+    def aligned(self) -> Surface:
+        """The source where the alignment puts it, wound as it is in `source`, mirrored or not."""
+        return self.source.surface.moved(self.reference.surface.vertices)
+
+    @cached_property
+    def morphed(self) -> Surface:
+        """The source where the morph puts it, outward."""
+        surface = self.reference.surface
+        return surface.moved(surface.vertices + self.field.displacements)
+
+    @cached_property
+    def to_target(self) -> Float:
+        """(c,) distance of each morphed node to the target's surface; what was laid on it is not searched."""
+        points = self.morphed.vertices
+        distance = np.linalg.norm(points - self.landed, axis=1)
+        away = np.flatnonzero(~(distance < AT_PLACE * self.index.surface.diagonal))
+        distance[away] = self.index.closest(points[away]).distance
+        return distance
+
+    def vertices(self, given: Float) -> Float:
+        """Return where the morph puts the vertices (n, 3) as given; those of no face go by the field."""
+        out = np.empty_like(given)
+        used = self.source.vertex_map >= 0
+        out[used] = self.morphed.vertices[self.source.vertex_map[used]]
+        if not used.all():
+            field, faces = self.field, self.reference.surface.faces
+            unknown = np.zeros(len(field.centres))
+            kept = KeptField(self.matrix, field.centres, field.displacements, faces, unknown, field.spread)
+            out[~used] = Carrier(kept).carry(given[~used]).points
+        return out
+
+    def distances(self, vertices: Float) -> Float:
+        """Return the distance (n,) of what `vertices` gave to the target's surface."""
+        out = np.zeros(len(vertices))
+        used = self.source.vertex_map >= 0
+        out[used] = self.to_target[self.source.vertex_map[used]]
+        out[~used] = self.index.closest(vertices[~used]).distance
+        return out
+
+
+def result_of(
+    outcome: Outcome,
+    given: Surface,
+    settings: MorphSettings,
+    history: Sequence[Step],
+    warnings: Sequence[str],
+    progress: Progress,
+    weighted: bool = False,
+) -> MorphResult:
+    """Carry the cleaned mesh's displacement to the mesh as given, and measure.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    given : Surface
+        The source as the user has it.
+    settings, history
+        Of the morph.
+    warnings : sequence of str
+        What is known so far.
+    progress : Progress
+    weighted : bool
+        Whether weights kept some of the source from moving.
+    """
+    target, morphed = outcome.target.surface, outcome.morphed
+    vertices = outcome.vertices(given.vertices)
+    progress(0.2, "measuring")
+    distance = outcome.distances(vertices)
+    back = SurfaceIndex(morphed).closest(target.vertices)
+    before, after = _compared(outcome, back, progress)
+    edge = max(outcome.aligned.mean_edge, target.mean_edge)
+    converged, reason = _verdict(after, settings, target.diagonal, edge, weighted)
+    progress(1.0, "done")
+    return MorphResult(
+        vertices=vertices,
+        transform=outcome.matrix,
+        field=outcome.field,
+        faces=morphed.faces,
+        residual=misfit_around(morphed, outcome.to_target, target, back, settings.partial),
+        history=tuple(history),
+        converged=converged,
+        stop_reason=reason,
+        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad)),
+        before=before,
+        after=after,
+        surface_distance=distance,
+        displacement=np.linalg.norm(vertices - transformed(outcome.matrix, given.vertices), axis=1),
+        settings=settings,
+        seconds=0.0,
+    )
+
+
+def _compared(outcome: Outcome, back: Closest, progress: Progress) -> tuple[Comparison, Comparison]:
+    """Compare the aligned source and the morphed one with the target."""
+    source, target = outcome.source.surface, outcome.target.surface
+    before = compare(
+        source,
+        outcome.aligned,
+        target,
+        target_index=outcome.index,
+        self_intersecting=len(outcome.reference.crossing),
+    )
+    progress(0.6, "measuring")
+    after = compare(
+        source,
+        source.moved(outcome.morphed.vertices),
+        target,
+        target_index=outcome.index,
+        to_target=outcome.to_target,
+        from_target=back.distance,
+        # nothing bad is left in a source without crossings: that has been looked at
+        self_intersecting=0 if not outcome.bad and not before.self_intersecting else None,
+    )
+    return before, after
+
+
+def _warnings(settings: MorphSettings, size: float, bad: int) -> list[str]:
+    """Return what is to be said of the result."""
+    out = []
+    if settings.spread_start > LARGE_SPREAD * size:
+        words = f"the first spread, {settings.spread_start:g}, is large beside the target's size, {size:.3g}"
+        out.append(f"{words}: lengths of the preset are in mm")
+    if bad:
+        out.append(f"{bad} faces fold over or cross others, though they did not in the source")
+    return out
+
+
+def misfit_around(
+    morphed: Surface,
+    to_target: Float,
+    target: Surface,
+    back: Closest | None = None,
+    partial: str = "none",
+) -> Float:
+    """Return (n,) how far the two surfaces are apart around each vertex of the morphed one, at most.
+
+    The vertices themselves were laid onto the target, so that their own distance says nothing. What does
+    are the target's vertices, and middles of faces that are large beside the morphed ones, back to the
+    morphed surface: each counts for the corners of the face that it is closest to, and for their
+    neighbours.
+
+    Parameters
+    ----------
+    to_target : (n,) float64
+        Distance of each vertex to the target's surface.
+    back : Closest, optional
+        Closest points of the target's vertices on the morphed surface, where they are known; all of
+        these vertices have faces then.
+    partial : {"none", "source", "target"}
+        With "source", what is closest to the border is beyond it, and not counted.
+    """
+    large = target.faces[target.face_areas > LARGE_FACE * morphed.face_areas.mean()]
+    middles = triples.total(target.vertices.take(large, axis=0)) / 3.0
+    points = np.concatenate((target.vertices[np.unique(target.faces)], middles))
+    unknown = points if back is None else middles
+    found = SurfaceIndex(morphed).closest(unknown) if len(unknown) else None
+    parts = [part for part in (back, found) if part is not None]
+    corners = morphed.faces[np.concatenate([part.face for part in parts])]
+    away = np.concatenate([part.distance for part in parts])
+    if partial == "source":
+        inner = ~morphed.border[corners].any(axis=1)
+        corners, away, points = corners[inner], away[inner], points[inner]
+    out = np.full(len(morphed.vertices), -1.0)
+    np.maximum.at(out, corners, away[:, None])
+    lone = out < 0  # a target coarser than the source
+    if lone.any() and len(points):
+        out[lone] = away[cKDTree(points).query(morphed.vertices[lone])[1]]
+    around = out.copy()
+    np.maximum.at(around, morphed.faces, out[morphed.faces].max(axis=1)[:, None])
+    around = np.maximum(around, to_target)
+    return np.where(around > ROUNDED * target.diagonal, around, 0.0)
+
+
+def _verdict(
+    after: Comparison, settings: MorphSettings, size: float, edge: float, weighted: bool
+) -> tuple[bool, str]:
+    """Whether the surfaces have come together, and in which words.
+
+    A fit is reached when 99 % of each surface is within an edge and a little of the other. The face
+    that closes a cut has no counterpart: a partial mesh is judged by its median.
+    """
+    if weighted:
+        return True, "done, as far as the weights let the source move"
+    limit = edge + REACH * size
+    part, name = ("99 %", "p99") if settings.partial == "none" else ("half", "median")
+    gaps = []
+    if settings.partial != "target":
+        gaps.append(("the result", "the target", getattr(after.surface_to_target, name)))
+    if settings.partial != "source":
+        gaps.append(("the target", "the result", getattr(after.target_to_surface, name)))
+    here, there, gap = max(gaps, key=lambda entry: entry[2])
+    gap = gap if gap > ROUNDED * size else 0.0  # rounding is nothing to report
+    if gap > limit:
+        return False, f"not converged: only {part} of {here} is within {gap:.3g} of {there}"
+    if settings.partial != "none":
+        return True, f"converged over the shared part: half of {here} is within {gap:.3g} of {there}"
+    return True, f"converged: 99 % of each surface is within {gap:.3g} of the other"

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Poses: principal frames, and the start of an alignment found among all the ways to lay them together."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .icp import Fit, Registration, icp, matched, misfits
+from .mesh import Float
+from .transforms import homogeneous, transformed
+
+SCOUTS = 250  # nodes that starts are compared with
+SLACK = 10.0  # factor on the tolerance, as long as starts are compared
+REFINED_STARTS = 10  # starts that are tried by ICP after the first look
+ROUNDS = ((5, 6), (10, 3))  # steps of ICP for each start, and how many are kept
+PARTIAL_STEPS = 25  # steps for each start where a mesh is partial, and all are kept
+FINAL_STARTS, FINAL_STEPS = 3, 25  # how many are tried to the end, and the steps for each
+PLACES = 12  # parts of the whole that a partial mesh is laid on
+PART_NODES = 12  # a part has at least so many nodes
+
+
+class Frame(NamedTuple):
+    """The principal frame of a set of nodes."""
+
+    centre: Float  # (3,) their centroid
+    axes: Float  # (3, 3) right-handed, in columns, the largest extent first
+    radius: float  # root mean square distance from the centroid
+
+
+def principal_frame(nodes: Float) -> Frame:
+    """Return the principal frame of nodes (n, 3), by singular values."""
+    centre = nodes.mean(axis=0)
+    _, _, axes = np.linalg.svd(nodes - centre, full_matrices=False)
+    axes = axes.T * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
+    return Frame(centre, axes, float(np.sqrt(((nodes - centre) ** 2).sum(axis=1).mean())))
+
+
+def canonical_frame(nodes: Float) -> Float:
+    """Rigid transform (4, 4) into the principal frame, axes pointing to the longer tails."""
+    centre, axes, _ = principal_frame(nodes)
+    tails = (((nodes - centre) @ axes) ** 3).sum(axis=0)
+    signs = np.where(tails[:2] < 0, -1.0, 1.0)
+    axes = axes * np.append(signs, signs.prod())
+    return homogeneous(axes.T, -axes.T @ centre)
+
+
+def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Fit:
+    """Compare the starts by one look, the best of them by ICP; return the best of all.
+
+    Parameters
+    ----------
+    work : Registration
+        What is to be brought together.
+    own : (4, 4) float64
+        The transform to the pose that the user gave: one of the starts.
+    kind : {"rigid", "similarity", "affine"}
+        What the alignment may do in the end.
+    mirror : (4, 4) float64
+        What is done to the source before: nothing, or a reflection.
+    """
+    whole = work.partial == "none"
+    rough = dataclasses.replace(work, tolerance=SLACK * work.tolerance)
+    scouts = rough.thinned(SCOUTS)
+    starts, places = _starts(work, own, kind != "rigid", mirror)
+    found = [Fit(starts[i], math.inf) for i in _promising(scouts, starts, places)]
+    # a few steps tell the hopeless ones, where both are whole
+    for steps, kept in ROUNDS if whole else ((PARTIAL_STEPS, len(found)),):
+        tried = (icp(scouts, start, "rigid", steps) for start, _ in found)
+        found = sorted(tried, key=lambda fit: fit.misfit)[:kept]
+    # where parts look alike only the details tell
+    closer, last = (scouts, kind) if whole else (rough, "rigid")
+    final = (icp(closer, start, last, FINAL_STEPS) for start, _ in found[:FINAL_STARTS])
+    return min(final, key=lambda fit: fit.misfit)
+
+
+def _promising(scouts: Registration, starts: list[Float], places: int) -> list[int]:
+    """Which starts are worth more than a look."""
+    if scouts.partial == "none":  # the user's pose and the four flips always get their chance
+        first = misfits(scouts, np.array(starts))
+        always = list(range(min(5, len(starts))))
+    else:  # and the best turn at each place
+        first = np.array([matched(scouts, start).misfit for start in starts])
+        best = [int(np.argmin(first[1 + place :: places])) for place in range(places)]
+        always = [0] + [1 + place + places * turn for place, turn in enumerate(best)]
+    lowest = np.argsort(first, kind="stable")[:REFINED_STARTS]
+    return list(dict.fromkeys(always + lowest.tolist()))
+
+
+def _starts(work: Registration, own: Float, scaled: bool, mirror: Float) -> tuple[list[Float], int]:
+    """Candidate transforms, and how many places they lay the source on.
+
+    The user's own pose first, then principal axes onto each other, turn by turn and each turn at all
+    places: the whole mesh's own, or parts of it about as large as the partial mesh.
+    """
+    mirrored = transformed(mirror, work.source.sample)
+    ours, theirs = principal_frame(mirrored), principal_frame(work.target.sample)
+    whole = work.partial == "none"
+    scale = theirs.radius / ours.radius if scaled and whole else 1.0
+    places = [(ours, theirs)]
+    if work.partial == "source":
+        places += [(ours, part) for part in _parts_like(work.target.sample, ours.radius)]
+    if work.partial == "target":
+        places += [(part, theirs) for part in _parts_like(mirrored, theirs.radius)]
+    out = [own @ mirror]
+    for turn in _turns(halved=whole):
+        for here, there in places:
+            rotation = scale * there.axes @ turn @ here.axes.T
+            out.append(homogeneous(rotation, there.centre - rotation @ here.centre) @ mirror)
+    return out, len(places)
+
+
+def _turns(halved: bool) -> list[Float]:
+    """Rotations (3, 3) to try in the principal frame.
+
+    The four flips, then the other rotations of a cube: 24; and with `halved` each of these again after
+    an eighth of a turn about each axis.
+    """
+    cube = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            turn = np.zeros((3, 3))
+            turn[range(3), order] = signs
+            if np.linalg.det(turn) > 0:
+                cube.append(turn)
+    cube.sort(key=lambda turn: -np.trace(np.abs(turn)))
+    if not halved:
+        return cube
+    eighth = [Rotation.from_rotvec(math.pi / 4 * axis).as_matrix() for axis in np.eye(3)]
+    return cube + [half @ turn for half in eighth for turn in cube]
+
+
+def _parts_like(nodes: Float, size: float) -> list[Frame]:
+    """Frames of parts of the nodes (n, 3), around nodes far from each other, of RMS radius `size`."""
+    out = []
+    count = np.arange(1, len(nodes) + 1)
+    chosen = int(np.argmax(((nodes - nodes.mean(axis=0)) ** 2).sum(axis=1)))
+    distance = np.full(len(nodes), np.inf)
+    for _ in range(PLACES):
+        square = ((nodes - nodes[chosen]) ** 2).sum(axis=1)
+        nearest = nodes[np.argsort(square, kind="stable")] - nodes[chosen]
+        # squared radius of the 1, 2, 3 ... nearest nodes about their own centroid
+        mean = np.cumsum(nearest, axis=0) / count[:, None]
+        spread = np.cumsum((nearest**2).sum(axis=1)) / count - (mean**2).sum(axis=1)
+        enough = int(np.searchsorted(np.maximum.accumulate(spread), size**2))
+        out.append(principal_frame(nearest[: max(enough, PART_NODES)] + nodes[chosen]))
+        distance = np.minimum(distance, square)
+        chosen = int(np.argmax(distance))
+    return out
