@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from . import triples
 from .mesh import FLAT, Cleaned, Surface
 
-ISLAND = 0.01  # of the surface's area: less is an island; the smallest bone of a foot is 2 % of all
+ISLAND = 0.01  # of the surface's area: a lump of a tenth of the width of the whole has as much
 IN_ALL = 0.05  # of the area: islands that are more than that in all may be what a torn surface consists of
 
 
