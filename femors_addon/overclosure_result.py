@@ -143,7 +143,11 @@ def result_of(
     jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
     jobs += [partial(figures_of, solid, efforts) for solid in solids]
     notes, *bodies = together(jobs)
-    reasons = [_reason(finding, solids, after, stop) for finding in after if not finding.clear]
+    reasons = [
+        _reason(finding, solids, after, stop) + _sheets(finding, solids)
+        for finding in after
+        if not finding.clear
+    ]
     reasons += [
         f"'{body.name}': {len(body.inverted_new)} elements inverted (first: {int(body.inverted_new[0])})"
         for body in bodies
@@ -192,6 +196,16 @@ def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding],
     if held:
         return f"{where}: {left}; elements of '{held[0]}' would be inverted ({stop or 'stopped'})"
     return f"{where}: {left} ({stop or 'stopped'})"
+
+
+def _sheets(finding: Finding, solids: Sequence[Solid]) -> str:
+    """What else to do where a body of the pair is open: of a sheet, both sides may be outside."""
+    mine = [solid for solid in solids if solid.name in finding.names]
+    names = [f"'{solid.name}'" for solid in mine if solid.open_edges]
+    if not names:
+        return ""
+    verb = "is" if len(names) == 1 else "are"
+    return f"; {' and '.join(names)} {verb} open: give a sheet a thickness (Solidify in Blender)"
 
 
 def _folds(bodies: Sequence[BodyResult]) -> list[str]:

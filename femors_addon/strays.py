@@ -19,7 +19,7 @@ from .cleaning import Cleaned
 from .mesh import Surface
 from .orientation import FLAT
 
-ISLAND = 0.01  # of the surface's area: less is an island; the smallest bone of a foot is 2 % of all
+ISLAND = 0.01  # of the surface's area: a lump of a tenth of the width of the whole has as much
 IN_ALL = 0.05  # of the area: islands that are more than that in all may be what a torn surface consists of
 
 

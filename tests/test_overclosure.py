@@ -327,6 +327,17 @@ def test_unmerged_triangles_stay_together():
     assert np.abs(result.bodies[0].nodes - plain.bodies[0].nodes[at]).max() < 0.02
 
 
+def test_a_sheet_below_a_surface_is_told_what_it_lacks():
+    ball = sphere(3)
+    cap = Surface(0.97 * ball.vertices, ball.faces[ball.vertices[ball.faces][:, :, 2].min(axis=1) > 4.0])
+    result = remove_overclosure([Body("ball", ball, 0.0), Body("cap", cap)])
+    assert not result.certified
+    assert (
+        "'cap' is open: give a sheet a thickness" in result.certificate
+        and "'ball' is open" not in result.certificate
+    )
+
+
 def test_an_open_surface_is_told_and_parted():
     shell = sphere()
     keep = shell.vertices[shell.faces].mean(axis=1)[:, 2] < 6.0
