@@ -19,7 +19,7 @@ all of the mesh, and takes long whatever is taken away."""
 
 GRAIN = 0.3
 """Length of a mean edge inside. What a collapse may cost begins at a fixed length there, 0.0015, and rises
-slowly: so it is 1/200 of an edge. A mesh of size one lost what is below half a coarse edge in the first round."""
+slowly: so it is 1/200 of an edge. With a mesh of size one, all that is below half a coarse edge would go."""
 
 ROUGHNESS, SEED = 0.003, 20
 """Mean edges that vertices are moved by, along their normals and at random: on a flat facet no collapse costs
