@@ -42,6 +42,9 @@ def shared_volume(one: Surface, two: Surface, box: tuple[Float, Float] | None = 
         box = np.maximum(one.bounds[0], two.bounds[0]), np.minimum(one.bounds[1], two.bounds[1])
     patches = [_closed(s.faces[reaching(s, *box)], s) for s in (one, two)]
     whole = [s if patch is None else patch[0].whole for s, patch in zip((one, two), patches, strict=True)]
+    # what lies away from the box may be in a cone, and is not in the other body
+    if any(patches) and not all(_all_reach(surface, *box) for surface in whole):
+        return _shared(one, two)
     for patch, other in zip(patches, reversed(whole), strict=True):
         if patch is not None and len(crossings(patch[0].cone, other)):
             return _shared(one, two)
@@ -63,6 +66,12 @@ def xor_volume(one: Surface, two: Surface) -> float | None:
         if patches is not None:
             return _xor(*(patch.whole for patch in patches))
     return _xor(one, two)
+
+
+def _all_reach(surface: Surface, low: Float, high: Float) -> bool:
+    """Whether each component of a surface reaches into a box."""
+    near = surface.components[reaching(surface, low, high)]
+    return len(np.unique(near)) == len(np.unique(surface.components))
 
 
 def _shared(one: Surface, two: Surface) -> float | None:

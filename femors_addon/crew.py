@@ -34,12 +34,14 @@ def crew() -> Iterator[None]:
         yield
         return
     own = _Crew()
-    threads = [threading.Thread(target=own.serve, name=f"femors-{n}") for n in range(count)]
-    for thread in threads:
-        thread.start()
+    threads: list[threading.Thread] = []
     _here.crew = own
     limits._within.thread = True  # blocks within a piece are done one after the other
     try:
+        for number in range(count):
+            thread = threading.Thread(target=own.serve, name=f"femors-{number}")
+            thread.start()
+            threads.append(thread)
         yield
     finally:
         limits._within.thread = False

@@ -22,6 +22,7 @@ from .mesh import Float, Int, Surface
 
 Index = NDArray[np.int64]
 
+WIDE = 3.0  # slacks: faces that are farther apart are not kept
 SLACK = 0.15  # mean edges of the finer body: how far bodies may move before faces are searched anew
 REACH = 0.58  # of a face's longest side: no place in it is farther from its nearest corner (1 / sqrt 3)
 AT_ONCE = 20_000  # faces searched together
@@ -46,7 +47,8 @@ class Meeting:
     def __init__(self, one: Solid, two: Solid) -> None:
         self._bodies = one, two
         self._slack = SLACK * min(one.edge, two.edge)
-        self._parts: tuple[Region, Region] | None = None  # the faces, and where they were when searched
+        self._parts: tuple[Region, Region] | None = None  # the faces
+        self._places: list[Float] = []  # and where all vertices of both were when these were searched
         self._pairs = (np.zeros(0, np.int64), np.zeros(0, np.int64))  # by their numbers in these parts
 
     def forget(self) -> None:
@@ -63,7 +65,7 @@ class Meeting:
         bounds : (n,), (m,)
             No vertex of the one is nearer to the other, and the other way round.
         """
-        if self._moved(shifts) > self._slack:
+        if self._outdated(shifts):
             self._search(shifts, bounds)
         if not len(self._pairs[0]):
             return Pierced.none(), Pierced.none()
@@ -82,22 +84,28 @@ class Meeting:
             _edges([two for _, two in found], self._parts[1], len(now[0].faces)),
         )
 
-    def _moved(self, shifts: tuple[Float, Float]) -> float:
-        """Return how far the faces have moved towards each other since they were searched, at most."""
+    def _outdated(self, shifts: tuple[Float, Float]) -> bool:
+        """Whether faces may cross that did not count as near when they were searched.
+
+        Those that are kept are by the slack apart where they are no pair, the others by three.
+        """
         if self._parts is None:
-            return np.inf
-        return sum(
-            float(triples.length(body.vertices[part.vertex] + shift - part.surface.vertices).max(initial=0.0))
-            for body, part, shift in zip(self._bodies, self._parts, shifts, strict=True)
-        )
+            return True
+        near = far = 0.0
+        for body, part, place, shift in zip(self._bodies, self._parts, self._places, shifts, strict=True):
+            moved = triples.length(body.vertices + shift - place)
+            near += float(moved[part.vertex].max(initial=0.0))
+            far += float(moved.max(initial=0.0))
+        return near > self._slack or far > WIDE * self._slack
 
     def _search(self, shifts: tuple[Float, Float], bounds: tuple[Float, Float]) -> None:
         """Look for the faces that may cross before the bodies have moved by the slack."""
         parts = [
-            Region.near(body.surface, bound, shift, body.longest_now, REACH, 3.0 * self._slack)
+            Region.near(body.surface, bound, shift, body.longest_now, REACH, WIDE * self._slack)
             for body, bound, shift in zip(self._bodies, bounds, shifts, strict=True)
         ]
         self._parts = parts[0], parts[1]
+        self._places = [body.vertices + shift for body, shift in zip(self._bodies, shifts, strict=True)]
         self._pairs = np.zeros(0, np.int64), np.zeros(0, np.int64)
         one, two = (part.surface for part in parts)
         if not len(one.faces) or not len(two.faces):

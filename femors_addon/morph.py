@@ -98,11 +98,11 @@ def morph(
     nodes = len(source.vertices) + len(target.vertices)
     require_memory(MEMORY_LEAST + MEMORY_NODE * nodes, f"a morph with {nodes} nodes in both meshes")
     progress(0.0, "cleaning")
-    ours, theirs = at_once(
+    whole, theirs = at_once(
         lambda: clean(source.vertices, source.faces, "source"),
         lambda: clean(target.vertices, target.faces, "target"),
     )
-    ours, theirs = without_strays(ours, theirs)
+    ours, theirs = without_strays(whole, theirs)
     factor = None if settings.fix_units else unit_factor(ours.surface, theirs.surface, settings.partial)
     if factor is not None:  # no deformation makes a bone of a thousandth of one
         raise FemorsError(
@@ -148,9 +148,12 @@ def morph(
         warnings.append(
             "weights limit the deformation, not the alignment; choose no alignment to keep parts still"
         )
-    outcome = Outcome(ours, theirs, work.alignment.matrix, work.reference, work.index, field, landed, bad)
+    outcome = Outcome(
+        ours, theirs, whole, work.alignment.matrix, work.reference, work.index, field, landed, bad
+    )
     measuring = part(progress, 0.88, 1.0)
-    result = result_of(outcome, source, settings, history, warnings, measuring, weighted=weights is not None)
+    shares = None if weights is None else np.asarray(weights, dtype=float).ravel()
+    result = result_of(outcome, source, settings, history, warnings, measuring, shares)
     steering = None if work.pairs is None else _steered(result, work.pairs, settings)
     return dataclasses.replace(result, steering=steering, seconds=time.process_time() - started)
 

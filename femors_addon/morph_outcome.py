@@ -15,6 +15,7 @@ from .carry import Carrier
 from .cleaning import Cleaned
 from .folds import Reference
 from .grnn import DisplacementField
+from .intersect import self_intersections
 from .keptfield import KeptField
 from .limits import at_once
 from .mesh import Float, Surface
@@ -22,7 +23,7 @@ from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
 from .progress import Progress
-from .quality import Comparison, compare
+from .quality import Comparison, compare, flipped_faces
 from .transforms import transformed
 
 REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfaces are closer than an
@@ -41,6 +42,8 @@ class Outcome:
     ----------
     source, target : Cleaned
         The two, and the way back to what was given.
+    whole : Cleaned
+        The source with its strays, which only go along; else `source`.
     matrix : (4, 4) float64
         The alignment.
     reference : Reference
@@ -57,6 +60,7 @@ class Outcome:
 
     source: Cleaned
     target: Cleaned
+    whole: Cleaned
     matrix: Float
     reference: Reference
     index: SurfaceIndex
@@ -84,8 +88,11 @@ class Outcome:
         distance[away] = self.index.closest(points[away]).distance
         return distance
 
-    def vertices(self, given: Float) -> Float:
-        """Return where the morph puts the vertices (n, 3) as given; those of no face go by the field."""
+    def vertices(self, given: Float, weights: Float | None = None) -> Float:
+        """Return where the morph puts the vertices (n, 3) as given.
+
+        Those of no face, and strays, go by the field, each by its share of `weights` (n,).
+        """
         out = np.empty_like(given)
         used = self.source.vertex_map >= 0
         out[used] = self.morphed.vertices[self.source.vertex_map[used]]
@@ -93,7 +100,9 @@ class Outcome:
             field, faces = self.field, self.reference.surface.faces
             unknown = np.zeros(len(field.centres))
             kept = KeptField(self.matrix, field.centres, field.displacements, faces, unknown, field.spread)
-            out[~used] = Carrier(kept).carry(given[~used]).points
+            start, end = transformed(self.matrix, given[~used]), Carrier(kept).carry(given[~used]).points
+            share = 1.0 if weights is None else weights[~used, None]
+            out[~used] = np.where(share == 1.0, end, start + share * (end - start))
         return out
 
     def distances(self, vertices: Float) -> Float:
@@ -112,7 +121,7 @@ def result_of(
     history: Sequence[Step],
     warnings: Sequence[str],
     progress: Progress,
-    weighted: bool = False,
+    weights: Float | None = None,
 ) -> MorphResult:
     """Carry the cleaned mesh's displacement to the mesh as given, and measure.
 
@@ -126,18 +135,25 @@ def result_of(
     warnings : sequence of str
         What is known so far.
     progress : Progress
-    weighted : bool
-        Whether weights kept some of the source from moving.
+    weights : (n,) float64, optional
+        How far each vertex was allowed to follow.
     """
     target, morphed = outcome.target.surface, outcome.morphed
-    vertices = outcome.vertices(given.vertices)
+    vertices = outcome.vertices(given.vertices, weights)
     progress(0.2, "measuring")
     distance = outcome.distances(vertices)
     back, before = at_once(lambda: SurfaceIndex(morphed).closest(target.vertices), lambda: _before(outcome))
     progress(0.6, "measuring")
     after = _after(outcome, back, before)
+    aligned = transformed(outcome.matrix, given.vertices)
+    if outcome.whole is not outcome.source:
+        before, after = (
+            _with_strays(outcome.whole, before, aligned),
+            _with_strays(outcome.whole, after, vertices),
+        )
+    crossed = after.self_intersecting - before.self_intersecting
     edge = max(outcome.aligned.mean_edge, target.mean_edge)
-    converged, reason = _verdict(after, settings, target.diagonal, edge, weighted)
+    converged, reason = verdict(after, settings, target.diagonal, edge, weights is not None)
     progress(1.0, "done")
     return MorphResult(
         vertices=vertices,
@@ -148,11 +164,11 @@ def result_of(
         history=tuple(history),
         converged=converged,
         stop_reason=reason,
-        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad)),
+        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad, crossed)),
         before=before,
         after=after,
         surface_distance=distance,
-        displacement=np.linalg.norm(vertices - transformed(outcome.matrix, given.vertices), axis=1),
+        displacement=np.linalg.norm(vertices - aligned, axis=1),
         settings=settings,
         seconds=0.0,
     )
@@ -184,7 +200,20 @@ def _after(outcome: Outcome, back: Closest, before: Comparison) -> Comparison:
     )
 
 
-def _warnings(settings: MorphSettings, size: float, bad: int) -> list[str]:
+def _with_strays(whole: Cleaned, comparison: Comparison, vertices: Float) -> Comparison:
+    """Count flipped and crossing faces with the strays too, the vertices (n, 3) as given being there."""
+    used = whole.vertex_map >= 0
+    points = np.empty_like(whole.surface.vertices)
+    points[whole.vertex_map[used]] = vertices[used]
+    moved = whole.surface.moved(points)
+    return dataclasses.replace(
+        comparison,
+        flipped=len(flipped_faces(whole.surface, moved)),
+        self_intersecting=len(np.unique(self_intersections(moved))),
+    )
+
+
+def _warnings(settings: MorphSettings, size: float, bad: int, crossed: int) -> list[str]:
     """Return what is to be said of the result."""
     out = []
     if settings.spread_start > LARGE_SPREAD * size:
@@ -192,6 +221,8 @@ def _warnings(settings: MorphSettings, size: float, bad: int) -> list[str]:
         out.append(f"{words}: lengths of the preset are in mm")
     if bad:
         out.append(f"{bad} faces fold over or cross others, though they did not in the source")
+    elif crossed > 0:
+        out.append(f"{crossed} more faces cross others: pieces that were carried along run into the rest")
     return out
 
 
@@ -241,7 +272,7 @@ def misfit_around(
     return np.where(around > ROUNDED * target.diagonal, around, 0.0)
 
 
-def _verdict(
+def verdict(
     after: Comparison, settings: MorphSettings, size: float, edge: float, weighted: bool
 ) -> tuple[bool, str]:
     """Whether the surfaces have come together, and in which words.

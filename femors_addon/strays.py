@@ -20,6 +20,7 @@ from .mesh import Surface
 from .orientation import FLAT
 
 ISLAND = 0.01  # of the surface's area: a lump of a tenth of the width of the whole has as much
+SPECK = 0.001  # less than this share is no part of anything, whatever the other mesh has
 IN_ALL = 0.05  # of the area: islands that are more than that in all may be what a torn surface consists of
 
 
@@ -39,8 +40,8 @@ def _without(cleaned: Cleaned, other: Surface, words: str) -> Cleaned:
     if surface.components.max() == 0:
         return cleaned
     islands, hollow = _islands(surface), _cavities(surface)
-    if islands.any() and _islands(other).any():
-        islands[:] = False
+    if islands.any() and _islands(other).any():  # they may be each other's counterparts
+        islands &= np.bincount(surface.components, surface.face_areas) < SPECK * surface.face_areas.sum()
     if hollow.any() and _cavities(other).any():
         hollow[:] = False
     notes = []

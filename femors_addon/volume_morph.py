@@ -20,6 +20,7 @@ from .grnn import DisplacementField
 from .interior import harmonic, stiffness
 from .mesh import Float, Int, Surface
 from .morph import morph
+from .morph_outcome import misfit_around, verdict
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
@@ -186,7 +187,7 @@ def morph_volume(
     progress(1.0, "done")
     return VolumeMorphResult(
         nodes=nodes,
-        surface=_as_it_ended(result, surface, (ours, theirs), nodes[at]),
+        surface=_as_it_ended(result, surface, (ours, theirs), nodes[at], weights is not None),
         before=VolumeQuality.of(mesh, valid),
         after=VolumeQuality.of(final, valid),
         inverted_input=np.asarray(ids[~valid]),
@@ -209,7 +210,7 @@ def at_nodes(preview: Preview, nodes: Float, at: Int) -> Preview:
 
 
 def _as_it_ended(
-    result: MorphResult, surface: Surface, cleaned: tuple[Cleaned, Cleaned], vertices: Float
+    result: MorphResult, surface: Surface, cleaned: tuple[Cleaned, Cleaned], vertices: Float, weighted: bool
 ) -> MorphResult:
     """Measure the surface again, where the elements have moved its nodes (n, 3) since it was morphed."""
     if np.array_equal(vertices, result.vertices):
@@ -219,17 +220,23 @@ def _as_it_ended(
     used = ours.vertex_map >= 0
     moved = np.empty_like(ours.surface.vertices)
     moved[ours.vertex_map[used]] = vertices[used]
-    distance = index.closest(vertices).distance
+    distance, off = index.closest(vertices).distance, index.closest(moved).distance
+    last = ours.surface.moved(moved)
+    after = compare(ours.surface, last, theirs.surface, target_index=index, to_target=off)
+    size, edge = theirs.surface.diagonal, max(last.mean_edge, theirs.surface.mean_edge)
+    converged, reason = verdict(after, result.settings, size, edge, weighted)
     aligned = transformed(result.transform, surface.vertices)
     field = dataclasses.replace(result.field, displacements=moved - result.field.centres)
     return dataclasses.replace(
         result,
         vertices=vertices,
         field=field,
-        residual=index.closest(moved).distance,
+        residual=misfit_around(last, off, theirs.surface, None, result.settings.partial),
         surface_distance=distance,
         displacement=np.linalg.norm(vertices - aligned, axis=1),
-        after=compare(ours.surface, ours.surface.moved(moved), theirs.surface, target_index=index),
+        after=after,
+        converged=converged,
+        stop_reason=reason,
     )
 
 

@@ -50,3 +50,18 @@ def test_where_no_cone_closes_the_patch_the_whole_is_compared(monkeypatch):
     expected = booleans.xor_volume(BALL, new)
     monkeypatch.setattr(booleans, "DEEP", -1.0)  # a tip above the patch
     assert booleans.xor_volume(BALL, new) == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_lies_behind_a_thin_body_is_not_shared():
+    """The cone that closes a patch is no part of the body."""
+    fine = sphere(5)
+    plate = fine.moved(fine.vertices * [10.0, 10.0, 0.1])
+    above = sphere(4, radius=0.4, centre=(0.3, 0.2, 0.45))
+    behind = sphere(2, radius=0.05, centre=(0.3, 0.2, -0.3))
+    two = Surface(
+        np.concatenate((above.vertices, behind.vertices)),
+        np.concatenate((above.faces, behind.faces + len(above.vertices))),
+    )
+    whole = booleans._shared(plate, two)
+    assert whole == pytest.approx(booleans._shared(plate, above), rel=1e-9)
+    assert booleans.shared_volume(plate, two, above.bounds) == pytest.approx(whole, rel=1e-9)

@@ -170,3 +170,20 @@ def test_a_removal_in_threads_is_cancelled_wherever_it_is(threads, at):
     if at < 10:
         with pytest.raises(Cancelled):
             check_overclosure(many(), progress=progress)
+
+
+def test_threads_that_cannot_be_started_leave_none_behind(monkeypatch):
+    limits.allow(3, 0)
+    begun, start = [], threading.Thread.start
+
+    def refuse(thread):
+        if begun:
+            raise RuntimeError("can't start new thread")
+        begun.append(thread)
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    with pytest.raises(RuntimeError, match="start new thread"), crew():
+        pass
+    monkeypatch.undo()
+    assert len(begun) == 1 and not begun[0].is_alive()

@@ -85,3 +85,21 @@ def test_normals_at_some_vertices_are_those_of_the_whole():
     rows = np.array([5, 17, 600, 3])
     np.testing.assert_array_equal(normals_at(ball, np.sort(rows)), ball.vertex_normals[np.sort(rows)])
     np.testing.assert_array_equal(normals_at(ball, rows), ball.vertex_normals[rows])
+
+
+def test_bodies_that_were_apart_are_searched_again():
+    one = Solid(Body("one", sphere(3)), 0.5)
+    two = Solid(Body("two", sphere(3, centre=(2.6, 0.0, 0.0))), 0.5)
+    met, still = Meeting(one, two), (np.zeros(3), np.zeros(3))
+
+    def pierced() -> list[int]:
+        found = met.pierced(still, (lower_bound(one, two), lower_bound(two, one)))
+        return [len(edges.t) for edges in found]
+
+    assert pierced() == [0, 0]
+    two.put(two.points - [0.9, 0.0, 0.0])
+    counts = pierced()
+    assert counts == [
+        len(expected(*pair)[1]) for pair in ((one.surface, two.surface), (two.surface, one.surface))
+    ]
+    assert min(counts) > 10

@@ -7,6 +7,7 @@ import pytest
 from femors_addon.cleaning import clean
 from femors_addon.mesh import Surface
 from femors_addon.morph import morph
+from femors_addon.morph_settings import MorphSettings
 from femors_addon.quality import self_intersections
 from femors_addon.shapes import sphere
 from femors_addon.strays import without_strays
@@ -70,7 +71,7 @@ def test_those_of_the_source_go_along_with_the_rest(kind):
 
 def test_what_both_have_is_kept():
     one, two = with_cavity(egg()), with_cavity(egg().moved(1.1 * egg().vertices))
-    one, two = joined(one, island((0, 0, 26))), joined(two, island((0, 16, 26)))
+    one, two = joined(one, island((0, 0, 26), 1.5)), joined(two, island((0, 16, 26), 1.5))
     for before, after in zip((of(one), of(two)), without_strays(of(one), of(two)), strict=True):
         assert after.surface.faces.shape == before.surface.faces.shape and after.notes == before.notes
 
@@ -89,3 +90,38 @@ def test_parts_of_a_torn_surface_and_large_pieces_are_kept():
         shifted[len(whole.vertices) :] += 1e-3
         made = of(Surface(shifted, given.faces))
         assert without_strays(of(whole), made)[1] is made
+
+
+def test_a_speck_in_both_is_no_counterpart():
+    source, target = egg(), egg().moved(1.1 * egg().vertices)
+    one, two = joined(source, island((0, 0, 26), 0.4)), joined(target, island((16, 0, 0), 0.4))
+    result = morph(one, two)
+    plain = morph(source, target)
+    np.testing.assert_array_equal(result.vertices[: len(source.vertices)], plain.vertices)
+    assert result.converged and sum("small pieces" in w for w in result.warnings) == 2
+
+
+def test_pieces_that_run_into_the_rest_are_counted():
+    """What is left out of the maths is in the mesh that is written."""
+    source = with_cavity(egg(), 0.5)
+    flat = egg().moved(egg().vertices * [0.3, 1.0, 1.0])
+    result = morph(source, flat, MorphSettings(alignment="rigid"))
+    merged = of(source)
+    moved = Surface(result.vertices, source.faces)
+    assert len(np.unique(self_intersections(moved))) == result.after.self_intersecting > 0
+    assert result.before.self_intersecting == 0 and merged.surface.faces.shape == source.faces.shape
+    assert [w for w in result.warnings if "cross others" in w]
+
+
+def test_an_island_without_weight_stays():
+    source = joined(egg(), island((0, 0, 26)))
+    n = len(egg().vertices)
+    weights = np.ones(len(source.vertices))
+    weights[n:] = 0.0
+    target = egg().moved(1.1 * egg().vertices)
+    kept = morph(source, target, MorphSettings(alignment="none"), weights=weights).vertices
+    np.testing.assert_array_equal(kept[n:], source.vertices[n:])
+    weights[n:] = 0.5
+    half = morph(source, target, MorphSettings(alignment="none"), weights=weights).vertices
+    full = morph(source, target, MorphSettings(alignment="none")).vertices
+    np.testing.assert_allclose(half[n:] - source.vertices[n:], 0.5 * (full - source.vertices)[n:], rtol=0.05)

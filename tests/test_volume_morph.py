@@ -199,6 +199,11 @@ def test_nodes_of_no_weight_stay_and_the_figures_are_of_the_end():
     distance = SurfaceIndex(target).closest(whole.nodes[at]).distance
     assert whole.surface.surface_distance == pytest.approx(distance, abs=1e-9)
     assert np.array_equal(whole.surface.vertices, whole.nodes[at])
+    # elements that hold nodes back leave the target's corners uncovered: the field's residual says so
+    moved = surface.moved(whole.nodes[at])
+    uncovered = SurfaceIndex(moved).closest(target.vertices).distance
+    assert whole.surface.residual.max() >= 0.99 * uncovered.max() > 0.0
+    assert f"{whole.surface.after.target_to_surface.p99:.3g}" in whole.surface.stop_reason
     with pytest.raises(FemorsError, match="one for each node"):
         morph_volume(mesh, target, weights=weights[:5])
 
