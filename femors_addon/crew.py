@@ -30,13 +30,13 @@ _here = threading.local()  # `crew` is that of the thread
 def crew() -> Iterator[None]:
     """Keep as many threads as are allowed, this one included, for `each`, `together` and `ordered`."""
     count = limits.Limits.threads - 1
-    if count < 1 or getattr(limits._within, "thread", False) or getattr(_here, "crew", None):
+    if count < 1 or getattr(limits.within, "thread", False) or getattr(_here, "crew", None):
         yield
         return
     own = _Crew()
     threads: list[threading.Thread] = []
     _here.crew = own
-    limits._within.thread = True  # blocks within a piece are done one after the other
+    limits.within.thread = True  # blocks within a piece are done one after the other
     try:
         for number in range(count):
             thread = threading.Thread(target=own.serve, name=f"femors-{number}")
@@ -44,7 +44,7 @@ def crew() -> Iterator[None]:
             threads.append(thread)
         yield
     finally:
-        limits._within.thread = False
+        limits.within.thread = False
         _here.crew = None
         own.close()
         for thread in threads:
@@ -149,7 +149,7 @@ class _Crew:
     def serve(self) -> None:
         """Work on what is offered until the crew is closed; then nobody waits for what is left."""
         _here.crew = self
-        limits._within.thread = True
+        limits.within.thread = True
         while True:
             with self.changed:
                 while self._open and not self._offers:

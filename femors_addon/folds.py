@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
 from . import triples
+from .cached import cached_property
 from .intersect import self_intersections
 from .mesh import Float, Int, Surface
 

@@ -65,16 +65,16 @@ class Piercings:
 
 def piercings(a: Surface, b: Surface) -> Piercings:
     """Find every edge of `a` that pierces a face of `b`; ``b is a`` tests a surface against itself."""
-    planes_a, planes_b = _Planes.of(a, b)
+    planes_a, planes_b = Planes.of(a, b)
 
     def test(search: _Search) -> list[tuple[Int, Index, Float]]:
         out = []
         for pairs in search.candidates():
-            f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
-            row, ends, t = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)
+            f, g, f_over_g, g_over_f = straddling(planes_a, pairs[0], planes_b, pairs[1])
+            row, ends, t = pierced(planes_a, f, planes_b, g, f_over_g, a is b)
             out.append((ends, g[row], t))
             if a is b:
-                row, ends, t = _pierced(planes_a, g, planes_a, f, g_over_f, True)
+                row, ends, t = pierced(planes_a, g, planes_a, f, g_over_f, True)
                 out.append((ends, f[row], t))
         return out
 
@@ -96,14 +96,14 @@ def crossings(a: Surface, b: Surface) -> Int:
     Only what lies where the bounding boxes overlap is looked at. With ``b is a`` each pair is given
     once, lower index first.
     """
-    planes_a, planes_b = _Planes.of(a, b)
+    planes_a, planes_b = Planes.of(a, b)
 
     def test(search: _Search) -> Int:
         out = [np.empty((0, 2), dtype=np.int64)]
         for pairs in search.candidates():
-            f, g, f_over_g, g_over_f = _straddling(planes_a, pairs[0], planes_b, pairs[1])
-            rows = _pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
-            back = _pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
+            f, g, f_over_g, g_over_f = straddling(planes_a, pairs[0], planes_b, pairs[1])
+            rows = pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
+            back = pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
             rows = np.concatenate((rows, back))
             out.append(np.column_stack((f[rows], g[rows])))
         return np.concatenate(out)
@@ -123,7 +123,7 @@ def self_intersections(surface: Surface) -> Int:
 
 # --- the test ---------------------------------------------------------------------------------------
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Planes:
+class Planes:
     """Faces as planes, with the height (m,) below which a point counts as lying in each."""
 
     faces: Int
@@ -133,9 +133,9 @@ class _Planes:
     tolerance: Float
 
     @classmethod
-    def of(cls, *surfaces: Surface) -> list[_Planes]:
+    def of(cls, *surfaces: Surface) -> list[Planes]:
         scale = max((float(np.abs(s.vertices).max()) for s in surfaces if len(s.vertices)), default=0.0)
-        out: list[_Planes] = []
+        out: list[Planes] = []
         for s in surfaces:
             if out and s is surfaces[0]:
                 out.append(out[0])
@@ -151,7 +151,7 @@ class _Planes:
         return out
 
 
-def _straddling(one: _Planes, f: Index, two: _Planes, g: Index) -> tuple[Index, Index, Float, Float]:
+def straddling(one: Planes, f: Index, two: Planes, g: Index) -> tuple[Index, Index, Float, Float]:
     """Keep the pairs (f, g) of faces that each have corners on both sides of the other's plane.
 
     Returns (f, g, heights (k, 3) of the corners of f over g, heights (k, 3) of those of g over f).
@@ -165,7 +165,7 @@ def _straddling(one: _Planes, f: Index, two: _Planes, g: Index) -> tuple[Index, 
     return f[kept], g[kept], forth, np.column_stack([height[kept] for height in back])
 
 
-def _heights(one: _Planes, f: Index, two: _Planes, g: Index) -> list[Float]:
+def _heights(one: Planes, f: Index, two: Planes, g: Index) -> list[Float]:
     """Heights of the three corners of each face f over the plane of the face g beside it."""
     points = np.ascontiguousarray(one.corners.reshape(-1, 9).take(f, axis=0).T)
     x, y, z, nx, ny, nz = np.ascontiguousarray(two.planes.take(g, axis=0).T)
@@ -176,8 +176,8 @@ def _both_sides(heights: list[Float], tolerance: Float) -> NDArray[np.bool_]:
     return (np.minimum.reduce(heights) < -tolerance) & (np.maximum.reduce(heights) > tolerance)
 
 
-def _pierced(
-    one: _Planes, f: Index, two: _Planes, g: Index, height: Float, same: bool
+def pierced(
+    one: Planes, f: Index, two: Planes, g: Index, height: Float, same: bool
 ) -> tuple[Index, Int, Float]:
     """Test the edges of each face f, its corners at heights (p, 3), against the face g beside it.
 
@@ -215,8 +215,8 @@ def _searches(a: Surface, b: Surface) -> Iterator[_Search]:
         faces_a, faces_b = _within(a.corners, low, high), _within(b.corners, low, high)
     if not len(faces_a) or not len(faces_b):
         return
-    classes_a = _classes(a, faces_a)
-    classes_b = classes_a if a is b else _classes(b, faces_b)
+    classes_a = size_classes(a, faces_a)
+    classes_b = classes_a if a is b else size_classes(b, faces_b)
     for i, one in enumerate(classes_a):
         for two in classes_b[i:] if a is b else classes_b:
             yield from _parts(one, two)
@@ -230,7 +230,7 @@ def _within(corners: Float, low: Float, high: Float) -> Index:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Balls:
+class Balls:
     """Enclosing balls of about one size: tree of their centres, radii, and the face of each."""
 
     tree: cKDTree
@@ -242,8 +242,8 @@ class _Balls:
 class _Search:
     """Some balls of one class, by their places in the order of its tree, against those of another."""
 
-    one: _Balls
-    two: _Balls
+    one: Balls
+    two: Balls
     part: slice
 
     def candidates(self) -> Iterator[tuple[Index, Index]]:
@@ -279,12 +279,12 @@ class _Search:
             yield f[start : start + AT_ONCE], g[start : start + AT_ONCE]
 
 
-def _reach(one: _Balls, two: _Balls) -> float:
+def _reach(one: Balls, two: Balls) -> float:
     """Distance between centres beyond which no two balls of these overlap."""
     return float(one.radius.max() + two.radius.max()) * (1 + 1e-9)
 
 
-def _parts(one: _Balls, two: _Balls) -> Iterator[_Search]:
+def _parts(one: Balls, two: Balls) -> Iterator[_Search]:
     """Cut the search of one class against another into parts of some `BLOCK_PAIRS` or `BLOCK_FACES`."""
     order, stride = one.tree.indices, 32
     sample = two.tree.query_ball_point(one.tree.data[order[::stride]], _reach(one, two), return_length=True)
@@ -295,7 +295,7 @@ def _parts(one: _Balls, two: _Balls) -> Iterator[_Search]:
         yield _Search(one, two, slice(start, stop))
 
 
-def _classes(surface: Surface, faces: Index) -> list[_Balls]:
+def size_classes(surface: Surface, faces: Index) -> list[Balls]:
     """Sort the enclosing balls of some faces by octaves of size."""
     centre, radius, owner = _pieces(surface.vertices.take(surface.faces[faces], axis=0), faces)
     # below a thousandth of the usual size all are one class, and most of an even mesh are of one
@@ -306,7 +306,7 @@ def _classes(surface: Surface, faces: Index) -> list[_Balls]:
     classes = []
     for level in np.unique(octave):
         rows = np.flatnonzero(octave == level)
-        classes.append(_Balls(cKDTree(centre[rows], balanced_tree=False), radius[rows], owner[rows]))
+        classes.append(Balls(cKDTree(centre[rows], balanced_tree=False), radius[rows], owner[rows]))
     return classes
 
 

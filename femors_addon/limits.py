@@ -64,11 +64,11 @@ def require_nodes(nodes: int, what: str, least: float, each: float) -> None:
     require_memory(least + each * nodes, f"{what} with {nodes} nodes in all")
 
 
-_within = threading.local()  # `thread` is true in the threads of `in_threads`
+within = threading.local()  # `thread` is true in the threads of `in_threads`
 
 
 def _begin() -> None:
-    _within.thread = True
+    within.thread = True
 
 
 def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
@@ -78,7 +78,7 @@ def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
     may raise, `Cancelled` for instance: parts that have not begun are dropped. Within such a thread parts are
     worked on one after the other, for threads that start threads would be more than are allowed.
     """
-    if Limits.threads < 2 or getattr(_within, "thread", False):
+    if Limits.threads < 2 or getattr(within, "thread", False):
         yield from map(work, parts)
         return
     pool, waiting = ThreadPoolExecutor(Limits.threads, initializer=_begin), deque[Future[R]]()

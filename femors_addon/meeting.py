@@ -74,7 +74,7 @@ class Meeting:
             Surface(body.vertices[part.vertex] + shift, part.surface.faces)
             for body, part, shift in zip(self._bodies, self._parts, shifts, strict=True)
         ]
-        planes = intersect._Planes.of(*now)
+        planes = intersect.Planes.of(*now)
         f, g = self._pairs
         size = intersect.AT_ONCE
         blocks = [slice(start, start + size) for start in range(0, len(f), size)]
@@ -110,7 +110,7 @@ class Meeting:
         one, two = (part.surface for part in parts)
         if not len(one.faces) or not len(two.faces):
             return
-        classes = [intersect._classes(s, np.arange(len(s.faces))) for s in (one, two)]
+        classes = [intersect.size_classes(s, np.arange(len(s.faces))) for s in (one, two)]
         jobs = [
             partial(_near, a, b, slice(start, start + AT_ONCE), self._slack)
             for a in classes[0]
@@ -122,7 +122,7 @@ class Meeting:
         self._pairs = keys // len(two.faces), keys % len(two.faces)
 
 
-def _near(one: intersect._Balls, two: intersect._Balls, part: slice, slack: float) -> tuple[Index, Index]:
+def _near(one: intersect.Balls, two: intersect.Balls, part: slice, slack: float) -> tuple[Index, Index]:
     """Return the pairs of faces of which balls are within the slack of each other."""
     rows = one.tree.indices[part]
     reach = float(one.radius.max() + two.radius.max()) * (1.0 + 1e-9) + slack
@@ -133,13 +133,13 @@ def _near(one: intersect._Balls, two: intersect._Balls, part: slice, slack: floa
     return one.face[f[near]].astype(np.int64), two.face[g[near]].astype(np.int64)
 
 
-def _tested(planes: list[intersect._Planes], f: Index, g: Index) -> tuple[tuple, tuple]:
+def _tested(planes: list[intersect.Planes], f: Index, g: Index) -> tuple[tuple, tuple]:
     """Test pairs of faces; return (ends, face, t) of edges that pierce: of the first, and of the second."""
     one, two = planes
-    f, g, f_over_g, g_over_f = intersect._straddling(one, f, two, g)
-    row, ends, t = intersect._pierced(one, f, two, g, f_over_g, False)
+    f, g, f_over_g, g_over_f = intersect.straddling(one, f, two, g)
+    row, ends, t = intersect.pierced(one, f, two, g, f_over_g, False)
     first = ends, g[row], t
-    row, ends, t = intersect._pierced(two, g, one, f, g_over_f, False)
+    row, ends, t = intersect.pierced(two, g, one, f, g_over_f, False)
     return first, (ends, f[row], t)
 
 

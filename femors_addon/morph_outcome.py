@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from . import triples
+from .cached import cached_property
 from .carry import Carrier
 from .cleaning import Cleaned
 from .folds import Reference

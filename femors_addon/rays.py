@@ -18,7 +18,7 @@ def first_hits(start: Float, way: Float, length: float, surface: Surface) -> Flo
     Parameters
     ----------
     start : (k, 3)
-        A ray that begins on a face does not meet it.
+        To miss the face that a ray begins on, let it begin a little off.
     way : (k, 3)
         Unit vectors.
     """

@@ -40,7 +40,7 @@ PLACES: tuple[tuple[str, Any, str, Amount], ...] = (
     ("point-face pairs", triangles.Triangles, "closest", lambda self, p, ids: len(ids)),
     ("fields evaluated at points", grnn.DisplacementField, "__call__", lambda self, p, *a: len(p)),
     ("grid cells", grnn._Grid, "smooth", lambda self, *a: math.prod(self.shape)),
-    ("face pairs tested for crossing", intersect, "_straddling", lambda one, f, two, g: len(f)),
+    ("face pairs tested for crossing", intersect, "straddling", lambda one, f, two, g: len(f)),
     ("faces matched in shape", relax.ShapeMatching, "move", lambda self, p: len(self._corners[0])),
 )
 
