@@ -52,7 +52,7 @@ def overclosures() -> Steps:
 def make() -> None:
     """Two balls that overlap, fine enough to watch them being parted, and one far away."""
     for name, place in zip(NAMES, PLACES, strict=True):
-        bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, location=place)
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=320, ring_count=160, location=place)
         bpy.context.object.name = name
         bpy.context.object.select_set(False)
 
