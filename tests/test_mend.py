@@ -138,12 +138,16 @@ def test_nodes_that_may_not_move_stay(ball):
     assert left > 0  # and it is said that they are bad
 
 
-def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
-    _, displacement = _pulled(ball, 1.4)
-    positions = ball.vertices + displacement
+def _patches(ball, pull):
+    """Patches that may be anywhere, the positions to be mended, and how bad each face is there."""
+    positions = ball.vertices + _pulled(ball, pull)[1]
     every = _Part.around(np.arange(len(ball.faces)), ball, np.ones(len(positions), bool))
     work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
-    bad = work.badness(positions, self_intersections(ball.moved(positions)))
+    return work, positions, work.badness(positions, self_intersections(ball.moved(positions)))
+
+
+def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
+    work, positions, bad = _patches(ball, 1.4)
     assert (bad >= 1).any()
     after, left = work.step_back(positions, bad)
     moved = ball.moved(after)
@@ -156,11 +160,7 @@ def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
 
 
 def test_patches_that_would_step_back_too_far_stay(ball):
-    _, displacement = _pulled(ball, 6.0)
-    positions = ball.vertices + displacement
-    every = _Part.around(np.arange(len(ball.faces)), ball, np.ones(len(positions), bool))
-    work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
-    bad = work.badness(positions, self_intersections(ball.moved(positions)))
+    work, positions, bad = _patches(ball, 6.0)
     after, left = work.step_back(positions, bad)
     np.testing.assert_array_equal(after, positions)
     np.testing.assert_array_equal(left, bad)
