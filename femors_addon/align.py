@@ -81,7 +81,7 @@ def align(
     start = np.eye(4) if factor is None else np.diag([factor, factor, factor, 1.0])
     if kind == "none":
         work = _registration(source, target, partial, start, samples)
-        return Alignment(start, matched(work, np.eye(4)).misfit, said)
+        return Alignment(start, float(matched(work, np.eye(4)[None]).misfit[0]), said)
     if said and factor is None:  # to scale it all the same would be to convert the unit unasked
         kind = "rigid"
     progress(0.0, "alignment: samples")
@@ -146,10 +146,10 @@ def _choose_hand(
 def _refined(work: Registration, first: Float, kind: str, progress: Progress) -> Fit:
     """ICP with all samples, freer from kind to kind."""
     progress(0.6, "alignment: rigid")
-    fit = icp(work, first, "rigid", 60)
+    (fit,) = icp(work, first[None], "rigid", 60)
     if kind != "rigid":
         progress(0.7, f"alignment: {kind}")
-        fit = icp(work, fit.matrix, "similarity", 60)
+        (fit,) = icp(work, fit.matrix[None], "similarity", 60)
     if kind == "affine":
-        fit = icp(work, fit.matrix, "affine", 100)
+        (fit,) = icp(work, fit.matrix[None], "affine", 100)
     return fit

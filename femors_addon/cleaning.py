@@ -61,8 +61,7 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     faces, face_map = _proper_faces(faces, raw.vertices[vertex_map], notes)
     if len(faces) < 4:
         raise FemorsError(f"{name}: {len(faces)} usable face(s) are not a surface; at least 4 are needed")
-    used, compact = np.unique(faces, return_inverse=True)
-    faces = compact.reshape(-1, 3).astype(np.int32)
+    used, faces = triples.renumbered(faces, len(vertex_map))
     positions = raw.vertices[vertex_map[used]]
     _check_extent(positions, name)
     lookup = np.full(len(vertex_map), -1, dtype=np.int32)
@@ -92,6 +91,9 @@ def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
 
 def _merge(surface: Surface) -> tuple[Int, Int]:
     """Return (for each vertex its merged index, for each merged vertex one original index)."""
+    if triples.are_unique(surface.vertices) and len(surface.vertices) != 3 * len(surface.faces):
+        same = np.arange(len(surface.vertices), dtype=np.int32)
+        return same, same
     first, inverse = triples.unique_rows(surface.vertices)
     if len(first) == 3 * len(surface.faces) and len(surface.faces) > 1:
         pairs = cKDTree(surface.vertices[first]).query_pairs(1e-6 * surface.diagonal, output_type="ndarray")
@@ -109,14 +111,15 @@ def _merge(surface: Surface) -> tuple[Int, Int]:
 def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:
     """Drop faces with a repeated vertex, of no area, or standing twice."""
     a, b, c = faces.T
-    corners = positions[faces]
+    corners = positions.take(faces, axis=0)
     area = triples.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    longest = triples.longest_squared(corners)
     proper = (a != b) & (b != c) & (c != a)
-    proper &= triples.dot(area, area) > (1e-12 * longest) ** 2
-    keep = np.flatnonzero(proper)
-    first, _ = triples.unique_rows(np.sort(faces[keep], axis=1))
-    kept = keep[np.sort(first)]
+    proper &= triples.squared(area) > (1e-12 * triples.longest_squared(corners)) ** 2
+    kept = keep = np.flatnonzero(proper)
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    ordered = np.column_stack((low, a + b + c - low - high, high))[keep]
+    if not triples.are_unique(ordered):
+        kept = keep[np.sort(triples.unique_rows(ordered)[0])]
     if len(keep) < len(faces):
         notes.append(f"{len(faces) - len(keep)} faces have no area and were left out of the maths")
     if len(kept) < len(keep):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""ICP: two sampled meshes brought together from a start that is near enough.
+"""ICP: two sampled meshes brought together, from one start or from many at once.
 
 It minimises the distance to the tangent plane at the nearest node (Chen & Medioni 1991), with a small
 share of the point-to-point distance that keeps what the planes leave free, over matches found in both
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from .mesh import Float, Surface
 from .reduce import reduced
-from .transforms import homogeneous, inverse, transformed
+from .transforms import inverse
 
 SAMPLE = 1500  # nodes that ICP works with
 POINT_SHARE = 0.05  # weight of the point-to-point distance beside the point-to-plane distance
@@ -96,47 +96,78 @@ class Fit(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """Points (p, 3): x of the moved source, y of the target, n the target's normal at y; and the misfit."""
+    """Points (s, p, 3) under each of s transforms, and what each of these leaves.
+
+    Attributes
+    ----------
+    x, y, n : (s, p, 3) float64
+        Points of the moved source, points of the target, and the target's normals at these.
+    chosen : (s, p) float64
+        1 for the matches that count, 0 for the others.
+    misfit : (s,) float64
+        Root mean square distance; what was not matched is in it.
+    """
 
     x: Float
     y: Float
     n: Float
-    misfit: float  # root mean square distance; what was not matched is in it
+    chosen: Float
+    misfit: Float
+
+    def some(self, rows: np.ndarray) -> Matches:
+        """Those of some of the transforms."""
+        return Matches(*(column[rows] for column in self))
 
 
 # --- matches --------------------------------------------------------------------------------------
-def matched(work: Registration, matrix: Float) -> Matches:
-    """Match each sample with the nearest node of the other mesh, where both face the same way."""
+def matched(work: Registration, matrices: Float) -> Matches:
+    """Match each sample with the nearest node of the other mesh, where both face the same way.
+
+    Parameters
+    ----------
+    work : Registration
+        What is to be brought together.
+    matrices : (s, 4, 4) float64
+        Transforms of the source.
+    """
     source, target, partial = work.source, work.target, work.partial
-    back = inverse(matrix)
-    turned = back[:3, :3]  # normals go by the inverse transpose; outward stays outward under a mirror
+    back = np.array([inverse(matrix) for matrix in matrices])
+    turned = back[:, :3, :3]  # normals go by the inverse transpose; outward stays outward under a mirror
     directions = []
     if partial != "target":
-        moved = transformed(matrix, source.sample)
+        moved = _each(matrices, source.sample)
         distance, hit = target.tree.query(moved)
         ours = source.sample_normals @ turned
         directions.append((distance, ours, moved, target.nodes[hit], target.normals[hit]))
     if partial != "source":
-        _, hit = source.tree.query(transformed(back, target.sample))
-        moved = transformed(matrix, source.nodes[hit])
-        distance = np.linalg.norm(moved - target.sample, axis=1)
+        _, hit = source.tree.query(_each(back, target.sample))
+        moved = _each(matrices, source.nodes[hit])
+        distance = np.linalg.norm(moved - target.sample, axis=2)
         ours = source.normals[hit] @ turned
-        directions.append((distance, ours, moved, target.sample, target.sample_normals))
+        shape = moved.shape
+        there = np.broadcast_to(target.sample, shape), np.broadcast_to(target.sample_normals, shape)
+        directions.append((distance, ours, moved, *there))
     kept, square = [], []
     for distance, ours, x, y, n in directions:
-        facing = np.einsum("ij,ij->i", ours, n) > 0
-        chosen = _chosen(distance, facing, partial)
-        kept.append((x[chosen], y[chosen], n[chosen]))
+        facing = np.einsum("spi,spi->sp", ours, n) > 0
+        kept.append((x, y, n, _chosen(distance, facing, partial)))
         square.append(_penalised(distance, facing, partial))
-    x, y, n = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-    return Matches(x, y, n, math.sqrt(float(np.mean(np.concatenate(square)))))
+    x, y, n, chosen = (np.concatenate(parts, axis=1) for parts in zip(*kept, strict=True))
+    return Matches(x, y, n, chosen, np.sqrt(np.concatenate(square, axis=1).mean(axis=1)))
 
 
-def _chosen(distance: Float, facing: np.ndarray, partial: str) -> np.ndarray:
-    """Which matches count: those that face each other, without the farthest where a mesh is partial."""
-    if partial == "none" or not facing.any():
-        return np.flatnonzero(facing)
-    return np.flatnonzero(facing & (distance <= np.quantile(distance[facing], TRIM)))
+def _each(matrices: Float, points: Float) -> Float:
+    """Apply each of the transforms (s, 4, 4) to its points, (p, 3) of all or (s, p, 3): (s, p, 3)."""
+    return np.asarray(points @ matrices[:, :3, :3].transpose(0, 2, 1) + matrices[:, None, :3, 3])
+
+
+def _chosen(distance: Float, facing: np.ndarray, partial: str) -> Float:
+    """Which matches (s, p) count: those that face each other, but the farthest where a mesh is partial."""
+    if partial == "none":
+        return facing.astype(float)
+    last = np.maximum((TRIM * (facing.sum(axis=1) - 1)).astype(int), 0)
+    lasts = np.sort(np.where(facing, distance, np.inf), axis=1)[np.arange(len(last)), last]
+    return (facing & (distance <= lasts[:, None])).astype(float)
 
 
 def _penalised(distance: Float, facing: np.ndarray, partial: str) -> Float:
@@ -144,28 +175,7 @@ def _penalised(distance: Float, facing: np.ndarray, partial: str) -> Float:
     square = distance**2 * np.where(facing, 1.0, FACING_AWAY)
     if partial == "none":
         return square
-    return np.sort(square)[: max(int(TRIM * len(square)), 1)]
-
-
-def misfits(work: Registration, matrices: Float) -> Float:
-    """Misfit (s,) of many transforms (s, 4, 4) of whole meshes at once, from every second sample.
-
-    As `matched` tells it, but distances from the target are taken in the source's frame, and scaled.
-    """
-    square = []
-    back = np.array([inverse(matrix) for matrix in matrices])
-    scale = np.cbrt(np.abs(np.linalg.det(matrices[:, :3, :3])))[:, None]
-    directions = ((matrices, work.source, work.target, 1.0), (back, work.target, work.source, scale))
-    for there, one, two, unit in directions:
-        linear, shift = there[:, :3, :3], there[:, None, :3, 3]
-        moved = one.sample[::2] @ linear.transpose(0, 2, 1) + shift
-        distance, hit = two.tree.query(moved)
-        # normals go by the inverse transpose: to have them the other way round is the same sign
-        turned = two.normals[hit] @ linear
-        facing = np.einsum("spi,pi->sp", turned, one.sample_normals[::2]) > 0
-        square.append((unit * distance) ** 2 * np.where(facing, 1.0, FACING_AWAY))
-    misfit: Float = np.sqrt(np.concatenate(square, axis=1).mean(axis=1))
-    return misfit
+    return np.sort(square, axis=1)[:, : max(int(TRIM * square.shape[1]), 1)]
 
 
 # --- steps ----------------------------------------------------------------------------------------
@@ -185,58 +195,73 @@ _BASES = {
 """Generators (k, 3, 3) of the linear part of a small transform, by its kind."""
 
 
-def icp(work: Registration, start: Float, kind: str, iterations: int) -> Fit:
-    """Iterate from a transform (4, 4); return the best one met.
+def icp(work: Registration, starts: Float, kind: str, iterations: int) -> list[Fit]:
+    """Iterate from each of some transforms (s, 4, 4), side by side; return the best one met from each.
 
     Parameters
     ----------
     work : Registration
         What is to be brought together.
-    start : (4, 4) float64
+    starts : (s, 4, 4) float64
         Where the source is laid first.
     kind : {"rigid", "similarity", "affine"}
         What each step may do.
     iterations : int
         At most so many steps.
     """
-    matrix, best = start, Fit(start, math.inf)
+    matrices, best = np.array(starts), np.array(starts)
+    lowest, active = np.full(len(best), math.inf), np.arange(len(best))
     for _ in range(iterations):
-        matches = matched(work, matrix)
-        if matches.misfit < best.misfit:
-            best = Fit(matrix, matches.misfit)
-        if len(matches.x) < FEWEST:
+        matches = matched(work, matrices[active])
+        better = matches.misfit < lowest[active]
+        best[active[better]] = matrices[active[better]]
+        lowest[active[better]] = matches.misfit[better]
+        enough = matches.chosen.sum(axis=1) >= FEWEST
+        active, matches = active[enough], matches.some(enough)
+        if not len(active):
             break
-        step = _step(matches, kind)
-        change = np.abs(transformed(step, matches.x) - matches.x).max()
-        after = step @ matrix
-        if not np.isfinite(after).all() or np.linalg.det(step[:3, :3]) < 1e-6:
-            break  # it would collapse or turn inside out
-        matrix = after
-        if change < work.tolerance:
+        steps = _steps(matches, kind)
+        change = np.abs(_each(steps, matches.x) - matches.x).max(axis=2)
+        after = steps @ matrices[active]
+        # else it would collapse or turn inside out
+        sound = np.isfinite(after).all(axis=(1, 2)) & (np.linalg.det(steps[:, :3, :3]) >= 1e-6)
+        matrices[active[sound]] = after[sound]
+        active = active[sound & ((change * matches.chosen).max(axis=1) >= work.tolerance)]
+        if not len(active):
             break
-    last = Fit(matrix, matched(work, matrix).misfit)
-    return last if last.misfit <= best.misfit * 1.001 else best
+    last = matched(work, matrices).misfit
+    return [
+        Fit(matrix, float(there)) if there <= here * 1.001 else Fit(before, float(here))
+        for matrix, there, before, here in zip(matrices, last, best, lowest, strict=True)
+    ]
 
 
-def _step(matches: Matches, kind: str) -> Float:
-    """Small transform (4, 4) that lessens the matches' distances, by linear least squares."""
-    basis = _BASES[kind]
-    centre = matches.x.mean(axis=0)
-    scale = max(float(np.abs(matches.x - centre).max()), 1e-300)
-    local = (matches.x - centre) / scale
-    moves = np.einsum("kab,pb->pka", basis, local)
-    moves = np.concatenate((moves, np.broadcast_to(np.eye(3), (len(local), 3, 3))), axis=1)
-    gap = (matches.y - matches.x) / scale
-    along = np.einsum("pka,pa->pk", moves, matches.n)
-    flat = moves.transpose(0, 2, 1).reshape(-1, moves.shape[1])
-    system = along.T @ along + POINT_SHARE * (flat.T @ flat)
-    right = along.T @ np.einsum("pa,pa->p", gap, matches.n) + POINT_SHARE * (flat.T @ gap.ravel())
-    system[np.diag_indices_from(system)] += 1e-12 * np.trace(system)
-    theta = np.linalg.solve(system, right)
-    linear = np.einsum("k,kab->ab", theta[:-3], basis)
+def _steps(matches: Matches, kind: str) -> Float:
+    """Small transforms (s, 4, 4) that lessen the matches' distances, by linear least squares."""
+    basis, chosen = _BASES[kind], matches.chosen
+    count, points = chosen.shape
+    centre = np.einsum("sp,spi->si", chosen, matches.x) / chosen.sum(axis=1)[:, None]
+    local = (matches.x - centre[:, None]) * chosen[:, :, None]
+    scale = np.maximum(np.abs(local).max(axis=(1, 2)), 1e-300)[:, None]
+    local /= scale[:, None]
+    # moves (s, p, k, 3): each generator's of each point, then the three shifts; none of what does not count
+    turns = (local.reshape(-1, 3) @ basis.reshape(-1, 3).T).reshape(count, points, len(basis), 3)
+    moves = np.concatenate((turns, chosen[:, :, None, None] * np.eye(3)), axis=2)
+    gap = (matches.y - matches.x) / scale[:, None]
+    along = np.einsum("spka,spa->spk", moves, matches.n)
+    flat = moves.transpose(0, 1, 3, 2).reshape(count, 3 * points, -1)
+    over, across = along.transpose(0, 2, 1), flat.transpose(0, 2, 1)
+    system = over @ along + POINT_SHARE * (across @ flat)
+    right = over @ np.einsum("spa,spa->sp", gap, matches.n)[:, :, None]
+    right += POINT_SHARE * (across @ gap.reshape(count, -1, 1))
+    own = np.arange(system.shape[1])
+    system[:, own, own] += 1e-12 * np.trace(system, axis1=1, axis2=2)[:, None]
+    theta = np.linalg.solve(system, right)[:, :, 0]
+    out = np.tile(np.eye(4), (count, 1, 1))
     if kind == "affine":
-        linear = np.eye(3) + linear
+        out[:, :3, :3] += np.einsum("sk,kab->sab", theta[:, :-3], basis)
     else:
-        growth = 1.0 if kind == "rigid" else math.exp(min(max(theta[3], -GROWTH), GROWTH))
-        linear = growth * Rotation.from_rotvec(theta[:3]).as_matrix()
-    return homogeneous(linear, centre + scale * theta[-3:] - linear @ centre)
+        growth = 1.0 if kind == "rigid" else np.exp(np.clip(theta[:, 3], -GROWTH, GROWTH))[:, None, None]
+        out[:, :3, :3] = growth * Rotation.from_rotvec(theta[:, :3]).as_matrix()
+    out[:, :3, 3] = centre + scale * theta[:, -3:] - (out[:, :3, :3] @ centre[:, :, None])[:, :, 0]
+    return out

@@ -219,7 +219,10 @@ def _searches(a: Surface, b: Surface) -> Iterator[_Search]:
     classes_b = classes_a if a is b else size_classes(b, faces_b)
     for i, one in enumerate(classes_a):
         for two in classes_b[i:] if a is b else classes_b:
-            yield from _parts(one, two)
+            if one is two:
+                yield from _meetings(one)
+            else:
+                yield from (_Search(one, two, part, slice(None)) for part in _parts(one, two))
 
 
 def _within(corners: Float, low: Float, high: Float) -> Index:
@@ -240,36 +243,35 @@ class Balls:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Search:
-    """Some balls of one class, by their places in the order of its tree, against those of another."""
+    """Some balls of one class against some of another, by their places in the order of their trees.
+
+    The same places of the same class: each pair of them once.
+    """
 
     one: Balls
     two: Balls
     part: slice
+    other: slice
 
     def candidates(self) -> Iterator[tuple[Index, Index]]:
         """Yield pairs (face, face) of balls that overlap, `AT_ONCE` at a time."""
         one, two = self.one, self.two
         reach = _reach(one, two)
-        f = one.tree.indices[self.part]
-        centre = one.tree.data[f]
-        tree = cKDTree(centre, balanced_tree=False)
-        g, aims = np.arange(len(two.face)), two.tree
-        if one is two:
-            pairs = tree.query_pairs(reach, output_type="ndarray")
+        f, g = one.tree.indices[self.part], two.tree.indices[self.other]
+        if one is two and self.part == self.other:
+            centre = one.tree.data[f]
+            pairs = cKDTree(centre, balanced_tree=False).query_pairs(reach, output_type="ndarray")
             first, second = pairs[:, 0], pairs[:, 1]
             apart = triples.squared(centre.take(first, axis=0) - centre.take(second, axis=0))
             yield from self._near(f[first], f[second], np.sqrt(apart))
-            # and those beyond the part, which have not had their turn
-            low, high = triples.box(centre)
-            g = two.tree.indices[self.part.stop :]
-            later = two.tree.data.take(g, axis=0)
-            close = triples.every(later >= low - reach) & triples.every(later <= high + reach)
-            g = g[close]
-            if not len(g):
-                return
-            aims = cKDTree(later[close], balanced_tree=False)
-        pairs = tree.sparse_distance_matrix(aims, reach, output_type="ndarray")
-        yield from self._near(f[pairs["i"]], g[pairs["j"]], pairs["v"])
+            return
+        g = _beside(two, g, triples.box(one.tree.data[f]), reach)
+        if len(g):
+            f = _beside(one, f, triples.box(two.tree.data[g]), reach)
+        if len(f) and len(g):
+            here, there = (cKDTree(b.tree.data[at], balanced_tree=False) for b, at in ((one, f), (two, g)))
+            pairs = here.sparse_distance_matrix(there, reach, output_type="ndarray")
+            yield from self._near(f[pairs["i"]], g[pairs["j"]], pairs["v"])
 
     def _near(self, f: Index, g: Index, apart: Float) -> Iterator[tuple[Index, Index]]:
         """Yield the faces of the balls (f, g), so far apart, that overlap."""
@@ -279,20 +281,39 @@ class _Search:
             yield f[start : start + AT_ONCE], g[start : start + AT_ONCE]
 
 
+def _beside(balls: Balls, some: Index, box: tuple[Float, Float], reach: float) -> Index:
+    """Keep those of some balls whose centres are within reach of a box."""
+    centre = balls.tree.data.take(some, axis=0)
+    close = triples.every(centre >= box[0] - reach)
+    close &= triples.every(centre <= box[1] + reach)
+    return some[close]
+
+
+def _meetings(balls: Balls) -> Iterator[_Search]:
+    """Search a class in itself: each part, and each two parts that are near each other."""
+    parts, reach = _parts(balls, balls), _reach(balls, balls)
+    boxes = [triples.box(balls.tree.data[balls.tree.indices[part]]) for part in parts]
+    low, high = (np.array(corners) for corners in zip(*boxes, strict=True))
+    for i, part in enumerate(parts):
+        yield _Search(balls, balls, part, part)
+        near = triples.every(low[i + 1 :] <= high[i] + reach) & triples.every(high[i + 1 :] >= low[i] - reach)
+        for j in np.flatnonzero(near) + i + 1:
+            yield _Search(balls, balls, part, parts[j])
+
+
 def _reach(one: Balls, two: Balls) -> float:
     """Distance between centres beyond which no two balls of these overlap."""
     return float(one.radius.max() + two.radius.max()) * (1 + 1e-9)
 
 
-def _parts(one: Balls, two: Balls) -> Iterator[_Search]:
+def _parts(one: Balls, two: Balls) -> list[slice]:
     """Cut the search of one class against another into parts of some `BLOCK_PAIRS` or `BLOCK_FACES`."""
     order, stride = one.tree.indices, 32
     sample = two.tree.query_ball_point(one.tree.data[order[::stride]], _reach(one, two), return_length=True)
     cost = np.maximum(np.asarray(sample) / BLOCK_PAIRS, 1.0 / BLOCK_FACES)
     block = np.cumsum(cost * stride).astype(np.int64)
     cuts = [0, *((np.flatnonzero(np.diff(block)) + 1) * stride).tolist(), len(order)]
-    for start, stop in itertools.pairwise(cuts):
-        yield _Search(one, two, slice(start, stop))
+    return [slice(start, stop) for start, stop in itertools.pairwise(cuts)]
 
 
 def size_classes(surface: Surface, faces: Index) -> list[Balls]:

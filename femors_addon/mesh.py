@@ -156,12 +156,17 @@ class Surface:
         return self._sides()[1]
 
     @cached_property
+    def opposed_edges(self) -> NDArray[np.bool_]:
+        """(k,) true for the edges of `edge_faces` whose two faces run along them the same way."""
+        return self._sides()[3]
+
+    @cached_property
     def border(self) -> NDArray[np.bool_]:
         """(n,) true for the vertices on an open border (an edge with one face only)."""
         return self._sides()[2]
 
-    def _sides(self) -> tuple[Int, tuple[Int, Int], NDArray[np.bool_]]:
-        """Sort the faces' sides once, and keep all that it tells: edges, edge_faces, border."""
+    def _sides(self) -> tuple[Int, tuple[Int, Int], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Sort the faces' sides once, and keep the four properties that it tells."""
         n = max(len(self.vertices), 1)
         one, two = self.faces.ravel(), self.faces[:, [1, 2, 0]].ravel()
         keys = np.minimum(one, two).astype(np.int64) * n + np.maximum(one, two)
@@ -175,8 +180,9 @@ class Surface:
         pairs = np.column_stack((left // 3, right // 3)).astype(np.int32)
         border = np.zeros(len(self.vertices), dtype=bool)
         border[edges[count == 1].ravel()] = True
-        found = edges, (pairs, edges[shared]), border
-        for name, value in zip(("edges", "edge_faces", "border"), found, strict=True):
+        upward = one < two
+        found = edges, (pairs, edges[shared]), border, upward[left] == upward[right]
+        for name, value in zip(("edges", "edge_faces", "border", "opposed_edges"), found, strict=True):
             self.__dict__.setdefault(name, value)
         return found
 

@@ -142,7 +142,7 @@ def result_of(
     vertices = outcome.vertices(given.vertices, weights)
     progress(0.2, "measuring")
     distance = outcome.distances(vertices)
-    back, before = at_once(lambda: SurfaceIndex(morphed).closest(target.vertices), lambda: _before(outcome))
+    (back, residual), before = at_once(lambda: _way_back(outcome, settings.partial), lambda: _before(outcome))
     progress(0.6, "measuring")
     after = _after(outcome, back, before)
     aligned = transformed(outcome.matrix, given.vertices)
@@ -160,7 +160,7 @@ def result_of(
         transform=outcome.matrix,
         field=outcome.field,
         faces=morphed.faces,
-        residual=misfit_around(morphed, outcome.to_target, target, back, settings.partial),
+        residual=residual,
         history=tuple(history),
         converged=converged,
         stop_reason=reason,
@@ -172,6 +172,13 @@ def result_of(
         settings=settings,
         seconds=0.0,
     )
+
+
+def _way_back(outcome: Outcome, partial: str) -> tuple[Closest, Float]:
+    """Closest points of the target's vertices on the morphed source, and the misfit around its nodes."""
+    target, index = outcome.target.surface, SurfaceIndex(outcome.morphed)
+    back = index.closest(target.vertices)
+    return back, misfit_around(outcome.morphed, outcome.to_target, target, back, partial, index)
 
 
 def _before(outcome: Outcome) -> Comparison:
@@ -232,6 +239,7 @@ def misfit_around(
     target: Surface,
     back: Closest | None = None,
     partial: str = "none",
+    index: SurfaceIndex | None = None,
 ) -> Float:
     """Return (n,) how far the two surfaces are apart around each vertex of the morphed one, at most.
 
@@ -249,12 +257,14 @@ def misfit_around(
         these vertices have faces then.
     partial : {"none", "source", "target"}
         With "source", what is closest to the border is beyond it, and not counted.
+    index : SurfaceIndex, optional
+        Of the morphed surface, where there is one.
     """
     large = target.faces[target.face_areas > LARGE_FACE * morphed.face_areas.mean()]
     middles = triples.total(target.vertices.take(large, axis=0)) / 3.0
     points = np.concatenate((target.vertices[np.unique(target.faces)], middles))
     unknown = points if back is None else middles
-    found = SurfaceIndex(morphed).closest(unknown) if len(unknown) else None
+    found = (index or SurfaceIndex(morphed)).closest(unknown) if len(unknown) else None
     parts = [part for part in (back, found) if part is not None]
     corners = morphed.faces[np.concatenate([part.face for part in parts])]
     away = np.concatenate([part.distance for part in parts])

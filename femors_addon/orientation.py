@@ -19,7 +19,7 @@ def oriented(surface: Surface) -> tuple[Surface, int]:
     """Wind faces consistently and outward; return the surface and how many faces were turned."""
     flip, component = _consistent(surface)
     faces = np.where(flip[:, None], surface.faces[:, ::-1], surface.faces)
-    volume = _component_volumes(surface.vertices, faces, component)
+    volume = _component_volumes(surface, flip, component)
     inside = _nesting(surface.vertices, faces, component, volume)
     # a flat flap has no inside; rounding alone must not turn it
     area = np.bincount(component, triples.length(surface.face_cross))
@@ -36,13 +36,7 @@ def oriented(surface: Surface) -> tuple[Surface, int]:
 def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
     """Walk a spanning tree of the faces; return (face to flip, component of the face)."""
     m = len(surface.faces)
-    (faces, edge) = surface.edge_faces
-    half = surface.faces[:, [[0, 1], [1, 2], [2, 0]]]
-
-    def forward(face: Int) -> NDArray[np.bool_]:
-        return triples.some((half[face, :, 0] == edge[:, :1]) & (half[face, :, 1] == edge[:, 1:]))
-
-    disagree = forward(faces[:, 0]) == forward(faces[:, 1])
+    faces, disagree = surface.edge_faces[0], surface.opposed_edges
     component = surface.components
     flip = np.zeros(m, dtype=bool)
     if disagree.any():
@@ -65,15 +59,15 @@ def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
     return flip, component
 
 
-def _component_volumes(vertices: Float, faces: Int, component: Int) -> Float:
+def _component_volumes(surface: Surface, flip: NDArray[np.bool_], component: Int) -> Float:
     """Signed volume of each component about its own centroid (so that open shells have one too)."""
-    corners = vertices[faces]
     count = np.bincount(component)
-    centre = np.column_stack(
-        [np.bincount(component, triples.total(corners[:, :, k]) / 3.0) / count for k in range(3)]
-    )
-    a, b, c = np.moveaxis(corners - centre[component][:, None, :], 1, 0)
-    return np.bincount(component, triples.dot(a, triples.cross(b, c))) / 6.0
+    middle = triples.total(surface.corners) / 3.0
+    centre = np.column_stack([np.bincount(component, middle[:, k]) / count for k in range(3)])
+    middle -= centre.take(component, axis=0)
+    height = triples.dot(middle, surface.face_cross)
+    np.negative(height, out=height, where=flip)
+    return np.bincount(component, height) / 6.0
 
 
 def _nesting(vertices: Float, faces: Int, component: Int, volume: Float) -> Int:

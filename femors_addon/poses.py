@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .icp import Fit, Registration, icp, matched, misfits
+from .icp import Fit, Registration, icp, matched
 from .mesh import Float
 from .transforms import homogeneous, transformed
 
 SCOUTS = 250  # nodes that starts are compared with
+TOGETHER = 32  # starts that are looked at side by side: what they need stays in the processor's cache
 SLACK = 10.0  # factor on the tolerance, as long as starts are compared
 REFINED_STARTS = 10  # starts that are tried by ICP after the first look
 ROUNDS = ((5, 6), (10, 3))  # steps of ICP for each start, and how many are kept
@@ -68,24 +69,34 @@ def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Fit:
     rough = dataclasses.replace(work, tolerance=SLACK * work.tolerance)
     scouts = rough.thinned(SCOUTS)
     starts, places = _starts(work, own, kind != "rigid", mirror)
-    found = [Fit(starts[i], math.inf) for i in _promising(scouts, starts, places)]
+    found = [Fit(starts[i], math.inf) for i in _promising(rough, starts, places)]
     # a few steps tell the hopeless ones, where both are whole
     for steps, kept in ROUNDS if whole else ((PARTIAL_STEPS, len(found)),):
-        tried = (icp(scouts, start, "rigid", steps) for start, _ in found)
+        tried = icp(scouts, _transforms(found), "rigid", steps)
         found = sorted(tried, key=lambda fit: fit.misfit)[:kept]
     # where parts look alike only the details tell
     closer, last = (scouts, kind) if whole else (rough, "rigid")
-    final = (icp(closer, start, last, FINAL_STEPS) for start, _ in found[:FINAL_STARTS])
+    final = icp(closer, _transforms(found[:FINAL_STARTS]), last, FINAL_STEPS)
     return min(final, key=lambda fit: fit.misfit)
 
 
-def _promising(scouts: Registration, starts: list[Float], places: int) -> list[int]:
+def _transforms(fits: list[Fit]) -> Float:
+    return np.array([fit.matrix for fit in fits])
+
+
+def _promising(work: Registration, starts: list[Float], places: int) -> list[int]:
     """Which starts are worth more than a look."""
-    if scouts.partial == "none":  # the user's pose and the four flips always get their chance
-        first = misfits(scouts, np.array(starts))
+    whole = work.partial == "none"
+    looks = work.thinned(SCOUTS // 2 if whole else SCOUTS)
+    first = np.concatenate(
+        [
+            matched(looks, np.array(starts[at : at + TOGETHER])).misfit
+            for at in range(0, len(starts), TOGETHER)
+        ]
+    )
+    if whole:  # the user's pose and the four flips always get their chance
         always = list(range(min(5, len(starts))))
     else:  # and the best turn at each place
-        first = np.array([matched(scouts, start).misfit for start in starts])
         best = [int(np.argmin(first[1 + place :: places])) for place in range(places)]
         always = [0] + [1 + place + places * turn for place, turn in enumerate(best)]
     lowest = np.argsort(first, kind="stable")[:REFINED_STARTS]

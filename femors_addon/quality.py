@@ -165,6 +165,8 @@ def _inverted(before: Surface, after: Surface) -> np.ndarray:
     count = len(before.faces)
     pairs, part = before.edge_faces[0], before.components
     parts = int(part.max(initial=-1)) + 1
+    if parts < 2:  # turned, it is so as a whole
+        return np.zeros(count, dtype=bool)
     shared = np.bincount(pairs.ravel(), minlength=count)
     closed = np.bincount(part, shared != 3, minlength=parts) == 0
     change = np.sign(_volumes(before, part, parts)) * np.sign(_volumes(after, part, parts))

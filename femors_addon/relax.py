@@ -23,6 +23,8 @@ FLOOR = 0.02  # weight of a face without distortion, where one that is badly dis
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
+FACES = 8_000  # of shape matching at a time: what it needs of them stays in the processor's cache
+TINY = np.finfo(np.float64).tiny
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
 
 
@@ -65,70 +67,91 @@ class ShapeMatching:
     Every face is compared with its source face under the best similarity (a rotation and a scale of
     its own, in closed form in complex numbers), and each node goes to the mean of where its faces
     would have it. Shape and grading come back over a few edges; the large correspondence stays.
+
+    It goes block by block through the processor's cache, numbers standing by axis and corner, for it is
+    asked dozens of times.
     """
 
     def __init__(self, source: Surface) -> None:
-        # coordinate by coordinate, corner by corner: three to four times as fast as rows of three
-        self._corners = [np.ascontiguousarray(column) for column in source.faces.T]
-        self._at = np.concatenate(self._corners)
-        self._count = len(source.vertices)
-        length, foot, height, _, _ = self._flattened(source.vertices)
-        middle = (length + foot) / 3.0
-        self._along = [-middle, length - middle, foot - middle]  # rest shape, the centroid at the origin
-        self._across = [-height / 3.0, -height / 3.0, height - height / 3.0]
-        square = sum(x * x for x in self._along) + sum(y * y for y in self._across)
-        self._size = np.maximum(square, np.finfo(float).tiny)
+        self._corners, self._count = np.ascontiguousarray(source.faces.T), len(source.vertices)
+        self._blocks = [slice(at, at + FACES) for at in range(0, len(source.faces), FACES)]
+        flat = np.concatenate(
+            [np.stack(self._flattened(source.vertices, b)[:2]) for b in self._blocks], axis=2
+        )
+        self._along, self._across = flat  # (3, m) rest shape, the centroid at the origin
+        square = (self._along**2).sum(axis=0) + (self._across**2).sum(axis=0)
+        self._size = np.maximum(square, TINY)
         self._fixed = source.border
 
     def move(self, positions: Float) -> Float:
         """Return the move (n, 3) asked for at positions (n, 3); border nodes stay."""
-        length, foot, height, along, across = self._flattened(positions)
-        (_, bx, cx), (_, by, cy) = self._along, self._across
-        # the best rotation and scale, as a complex number: sum of conj(rest) times shape
-        real = (bx * length + cx * foot + cy * height) / self._size
-        imaginary = (cx * height - cy * foot - by * length) / self._size
-        middle = (length + foot) / 3.0
-        shape_x = (-middle, length - middle, foot - middle)
-        shape_y = (-height / 3.0, -height / 3.0, height - height / 3.0)
-        rest = list(zip(self._along, self._across, strict=True))
-        change_x = [real * x - imaginary * y - here for (x, y), here in zip(rest, shape_x, strict=True)]
-        change_y = [real * y + imaginary * x - here for (x, y), here in zip(rest, shape_y, strict=True)]
-        # worse faces speak louder, so that the worst of all is mended too
-        fitted = np.maximum((real * real + imaginary * imaginary) * self._size, np.finfo(float).tiny)
-        worst = sum(x * x for x in change_x) + sum(y * y for y in change_y)
-        weight = FLOOR + np.minimum(worst / fitted, 1.0)
-        given = np.bincount(self._at, np.tile(weight, 3), self._count)
-        shared = 1.0 / np.maximum(given, np.finfo(float).tiny)
-        change_x, change_y = [weight * x for x in change_x], [weight * y for y in change_y]
+        weight = np.empty((3, self._corners.shape[1]))
+        wanted = np.empty((3, 3, self._corners.shape[1]))  # by axis, corner and face
+        for block in self._blocks:
+            self._changes(positions, block, weight[:, block], wanted[:, :, block])
+        at = self._corners.ravel()
+        shared = 1.0 / np.maximum(np.bincount(at, weight.ravel(), self._count), TINY)
         total = np.empty((self._count, 3))
-        for axis, (u, v) in enumerate(zip(along, across, strict=True)):
-            wanted = np.concatenate([x * u + y * v for x, y in zip(change_x, change_y, strict=True)])
-            total[:, axis] = np.bincount(self._at, wanted, self._count) * shared
+        for axis in range(3):
+            total[:, axis] = np.bincount(at, wanted[axis].ravel(), self._count) * shared
         total[self._fixed] = 0.0
         return total
 
-    def _flattened(self, positions: Float) -> tuple[Float, Float, Float, list[Float], list[Float]]:
-        """Each face in its own plane, the first corner at the origin and the second on the first axis.
+    def _changes(self, positions: Float, block: slice, weight: Float, wanted: Float) -> None:
+        """Write the weights (3, k) of a block's faces, and the change (3, 3, k), by axis and corner."""
+        here_x, here_y, along, across = self._flattened(positions, block)
+        rest_x, rest_y, size = self._along[:, block], self._across[:, block], self._size[block]
+        # the best rotation and scale, as a complex number: sum of conj(rest) times shape
+        real = (_products(rest_x, here_x) + _products(rest_y, here_y)) / size
+        imaginary = (_products(rest_x, here_y) - _products(rest_y, here_x)) / size
+        x = real * rest_x
+        x -= imaginary * rest_y
+        x -= here_x
+        y = real * rest_y
+        y += imaginary * rest_x
+        y -= here_y
+        # worse faces speak louder, so that the worst of all is mended too
+        fitted = np.maximum((real * real + imaginary * imaginary) * size, TINY)
+        weight[:] = share = FLOOR + np.minimum((_products(x, x) + _products(y, y)) / fitted, 1.0)
+        x *= share
+        y *= share
+        for axis in range(3):
+            np.add(x * along[axis], y * across[axis], out=wanted[axis])
 
-        Returns (length of the first side, foot and height of the third corner over it, each (m,)), and
-        the two axes, unit or zero, as three coordinates (m,) each.
+    def _flattened(self, positions: Float, block: slice) -> tuple[Float, Float, Float, Float]:
+        """Each face of a block in its own plane: centroid at the origin, first side along the first axis.
+
+        Returns (the corners' coordinates on that axis and on the one across it, each (3, k); the two
+        axes (3, k), unit or zero).
         """
-        one, two, three = self._corners
-        columns = [np.ascontiguousarray(column) for column in positions.T]
-        start = [column.take(one) for column in columns]
-        side = [column.take(two) - here for column, here in zip(columns, start, strict=True)]
-        other = [column.take(three) - here for column, here in zip(columns, start, strict=True)]
-        length, along = _normalised(side)
-        foot = sum(x * u for x, u in zip(other, along, strict=True))
-        height, across = _normalised([x - foot * u for x, u in zip(other, along, strict=True)])
-        return length, foot, height, along, across
+        one, two, three = self._corners[:, block]
+        start = positions.take(one, axis=0)
+        along, across = (
+            np.ascontiguousarray((positions.take(end, axis=0) - start).T) for end in (two, three)
+        )
+        length = _normalised(along)
+        foot = _products(across, along)
+        across -= foot * along
+        height = _normalised(across)
+        middle, third = (length + foot) / 3.0, height / 3.0
+        return (
+            np.stack((-middle, length - middle, foot - middle)),
+            np.stack((-third, -third, height - third)),
+            along,
+            across,
+        )
 
 
-def _normalised(vector: list[Float]) -> tuple[Float, list[Float]]:
-    """Length (m,) and direction of vectors given by coordinate; no length, no direction."""
-    length = np.sqrt(sum(x * x for x in vector))
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
-    return length, [x * scale for x in vector]
+def _products(a: Float, b: Float) -> Float:
+    """Products (k,) of vectors (3, k), summed in their order."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def _normalised(vectors: Float) -> Float:
+    """Give vectors (3, k) unit length in place, and return their lengths (k,); no length, no direction."""
+    length: Float = np.sqrt(_products(vectors, vectors))
+    vectors *= np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
+    return length
 
 
 def settle(
