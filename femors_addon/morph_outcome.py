@@ -31,6 +31,7 @@ REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfac
 ROUNDED = 1e-9  # of the size: no distance at all
 AT_PLACE = 1e-12  # of the size: a node stands where it was laid
 LARGE_SPREAD = 0.25  # of the size: the first spread of a preset in another unit
+BEFORE = 100_000  # vertices of each mesh whose distances stand for all of them before the morph
 LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
 
 
@@ -182,13 +183,14 @@ def _way_back(outcome: Outcome, partial: str) -> tuple[Closest, Float]:
 
 
 def _before(outcome: Outcome) -> Comparison:
-    """Compare the aligned source with the target."""
+    """Compare the aligned source with the target; of very dense meshes a sample tells how far they are."""
     return compare(
         outcome.source.surface,
         outcome.aligned,
         outcome.target.surface,
         target_index=outcome.index,
         self_intersecting=len(outcome.reference.crossing),
+        sample=BEFORE,
     )
 
 

@@ -10,6 +10,7 @@ from surfaces import cut
 
 from femors_addon import shapes
 from femors_addon.align import align
+from femors_addon.icp import Cloud, Registration, icp, matched
 from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
@@ -124,6 +125,21 @@ def test_compact_flat_and_long_shapes(source, target, reached, seed):
     distance = SurfaceIndex(target).closest(transformed(result.matrix, source.vertices)).distance
     assert distance.mean() < reached * target.diagonal
     assert np.linalg.det(result.matrix[:3, :3]) > 0
+
+
+@pytest.mark.parametrize("partial", ["none", "source", "target"])
+@pytest.mark.parametrize("kind", ["rigid", "similarity", "affine"])
+def test_starts_side_by_side_end_where_each_ends_alone(pair, kind, partial):
+    source, target = pair[:2]
+    work = Registration(Cloud.of(source), Cloud.of(target), partial, 1e-4 * target.diagonal)
+    turns = Rotation.random(6, random_state=2).as_matrix()
+    starts = np.array([homogeneous(turn, target.vertices.mean(axis=0)) for turn in turns])
+    found = icp(work, starts, kind, 20)
+    assert len({round(fit.misfit, 3) for fit in found}) > 1  # they end in several places
+    for start, fit in zip(starts, found, strict=True):
+        (alone,) = icp(work, start[None], kind, 20)
+        assert fit.misfit == pytest.approx(alone.misfit, rel=1e-6)
+        assert matched(work, fit.matrix[None]).misfit[0] == pytest.approx(fit.misfit, rel=1e-9)
 
 
 def test_the_same_bits_every_time(pair):

@@ -78,3 +78,18 @@ def test_rows_of_three_have_the_bits_of_numpys_reductions():
     unique, inverse = np.unique(faces, return_inverse=True)
     np.testing.assert_array_equal(which, unique)
     np.testing.assert_array_equal(local, inverse.reshape(-1, 3))
+
+
+def test_rows_are_told_to_be_unique():
+    rng = np.random.default_rng(3)
+    rows = rng.integers(0, 200, (20_000, 3))
+    rows = rows[triples.unique_rows(rows)[0]]
+    assert triples.are_unique(rows)
+    assert triples.are_unique(rows[:, ::-1] * 1e-3)
+    assert triples.are_unique(rows[:1])
+    assert triples.are_unique(rows[:0])
+    for i, j in ((0, 1), (5, 17_000), (17_000, 3)):
+        twice = rows.copy()
+        twice[i] = twice[j]
+        assert not triples.are_unique(twice)
+    assert not triples.are_unique(np.array([[0.0, 1.0, 2.0], [-0.0, 1.0, 2.0]]))  # one place

@@ -410,3 +410,12 @@ def test_whatever_is_done_to_a_surface_is_undone(seed, unmerge, turn, scale):
     assert_maps_hold(raw, result)
     assert_closed_and_alike(result.surface)
     assert result.surface.volume == pytest.approx(ball.volume * 1000.0**scale)
+
+
+def test_edges_along_which_two_faces_run_the_same_way():
+    shape = box((1.0, 2.0, 3.0), 4)
+    assert not shape.opposed_edges.any()
+    faces = shape.faces.copy()
+    faces[7] = faces[7, ::-1]
+    turned = Surface(shape.vertices, faces)
+    np.testing.assert_array_equal(turned.opposed_edges, (turned.edge_faces[0] == 7).any(axis=1))

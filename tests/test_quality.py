@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -254,6 +255,9 @@ def test_what_is_not_covered_shows_from_the_target_only():
     assert result.target_to_surface.maximum == pytest.approx(np.sqrt(2.0), abs=0.05)
 
 
+DISTANCES = ("surface_to_target", "target_to_surface", "hausdorff")
+
+
 # --- all together -------------------------------------------------------------------------------
 def test_a_mesh_against_itself_is_perfect():
     shape = bone(1000)
@@ -279,6 +283,19 @@ def test_what_compare_counts():
     assert result.flipped == len(flipped_faces(shape, folded))
     shifted = shape.moved(shape.vertices + (0.0, 3.0, 4.0))
     assert tuple(compare(shape, shifted, shape).movement.as_dict().values()) == pytest.approx((5.0,) * 4)
+
+
+def test_a_sample_stands_for_the_distances():
+    shape = sphere(5)
+    away = shape.moved((1.1 + 0.1 * shape.vertices[:, :1]) * shape.vertices)
+    whole, some = compare(shape, away, shape), compare(shape, away, shape, sample=1000)
+    for name in DISTANCES:
+        one, two = getattr(whole, name), getattr(some, name)
+        assert two.median == pytest.approx(one.median, rel=0.05)
+        assert two.maximum <= one.maximum
+        assert two != one
+    assert dataclasses.replace(some, **{name: getattr(whole, name) for name in DISTANCES}) == whole
+    assert compare(shape, away, shape, sample=len(shape.vertices)) == whole
 
 
 def test_loose_vertices_are_no_part_of_the_surface():
