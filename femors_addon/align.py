@@ -12,6 +12,7 @@ import dataclasses
 import numpy as np
 
 from .icp import Cloud, Fit, Registration, icp, matched
+from .limits import at_once
 from .mesh import Float, Surface
 from .poses import best_start, canonical_frame
 from .progress import Progress, silent
@@ -131,9 +132,10 @@ def _choose_hand(
 ) -> tuple[Float, tuple[str, ...]]:
     """Best start of the source as it is, and of its mirror image; which, and what to say of it."""
     progress(0.05, "alignment: starting pose")
-    plain = best_start(work, own, kind, np.eye(4))
-    progress(0.3, "alignment: mirror image")
-    other = best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0]))
+    plain, other = at_once(
+        lambda: best_start(work, own, kind, np.eye(4)),
+        lambda: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
+    )
     if plain.misfit <= work.tolerance or other.misfit > MIRROR_MARGIN * plain.misfit:
         return plain.matrix, ()
     better = 100 * (1 - other.misfit / plain.misfit)

@@ -8,9 +8,10 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any, ClassVar, TypeVar
 
-from .progress import FemorsError
+from .progress import Cancelled, FemorsError, Progress, silent
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -32,6 +33,7 @@ class Limits:
 
     threads: ClassVar[int] = 1
     memory: ClassVar[float] = 0.0
+    aside: ClassVar[int] = 0  # threads that `aside` has at work
 
 
 def allow(threads: int, megabytes: float) -> None:
@@ -78,14 +80,15 @@ def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
     may raise, `Cancelled` for instance: parts that have not begun are dropped. Within such a thread parts are
     worked on one after the other, for threads that start threads would be more than are allowed.
     """
-    if Limits.threads < 2 or getattr(within, "thread", False):
+    threads = Limits.threads - Limits.aside
+    if threads < 2 or getattr(within, "thread", False):
         yield from map(work, parts)
         return
-    pool, waiting = ThreadPoolExecutor(Limits.threads, initializer=_begin), deque[Future[R]]()
+    pool, waiting = ThreadPoolExecutor(threads, initializer=_begin), deque[Future[R]]()
     try:
         for one in parts:
             waiting.append(pool.submit(work, one))
-            if len(waiting) > AHEAD * Limits.threads:
+            if len(waiting) > AHEAD * threads:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
@@ -96,3 +99,42 @@ def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
 def at_once(*jobs: Callable[[], Any]) -> list[Any]:
     """Return what each job returns; none may need what another writes. See `in_threads`."""
     return list(in_threads(lambda job: job(), jobs))
+
+
+_counting = threading.Lock()
+
+
+def _count(change: int) -> None:
+    """Keep count of the threads of `aside`."""
+    with _counting:
+        Limits.aside += change
+
+
+@contextmanager
+def aside(job: Callable[[Progress], R]) -> Iterator[Callable[[], R]]:
+    """Begin a job beside what follows, and give what waits for its result.
+
+    It counts as one of the threads that are allowed; of one thread it is done when it is asked for. Where the
+    block is left before, it is told to stop by its `progress`, and waited for.
+    """
+    if Limits.threads < 2 or getattr(within, "thread", False):
+        yield lambda: job(silent)
+        return
+    left = threading.Event()
+
+    def look(_fraction: float, _text: str) -> None:
+        if left.is_set():
+            raise Cancelled
+
+    def work() -> R:
+        _count(1)
+        try:
+            return job(look)
+        finally:
+            _count(-1)
+
+    with ThreadPoolExecutor(1, initializer=_begin) as pool:
+        try:
+            yield pool.submit(work).result
+        finally:
+            left.set()

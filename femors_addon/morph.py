@@ -13,35 +13,30 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from . import settings as declared
-from .align import Alignment, align
 from .cleaning import Cleaned, clean
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
-from .folds import Reference, bad_faces, unfolded
+from .folds import bad_faces, unfolded
 from .grnn import DisplacementField
-from .icp import SAMPLE
 from .landmark_pairs import Pairs
-from .limits import at_once, require_memory
+from .limits import aside, at_once, require_memory
 from .mend import mended
 from .mesh import Float, Surface
-from .morph_outcome import Outcome, result_of
+from .morph_outcome import Outcome, compared_before, result_of
 from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
-from .nearest import SurfaceIndex
-from .poses import canonical_frame
+from .morph_work import Work
 from .progress import FemorsError, Preview, Progress, part, silent
-from .reduce import pyramid
 from .relax import averaging, guarded, settle, slide
-from .schedule import CARRY, Stage, node_counts, stages
-from .steer import Pull, Steering, lead
+from .schedule import CARRY, Stage, stages
+from .steer import Steering
 from .strays import without_strays
-from .transforms import inverse, transformed
+from .transforms import transformed
 from .units import unit_factor
 from .watch import Watch
 
@@ -110,35 +105,14 @@ def morph(
             "tick Convert units to have it scaled"
         )
     pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
-    work = _Work.begun(ours.surface, theirs.surface, settings, pairs, progress)
+    work = Work.begun(ours.surface, theirs.surface, settings, pairs, progress)
     weight = _clean_weights(weights, ours, len(source.vertices))
-    # whatever may move at all is morphed as a whole, and takes its share of it in the end
-    free = None if weight is None else (weight > 0).astype(float)
     watch = Watch(preview, source.vertices, ours, work.alignment.matrix, work.sources)
     watch.dense(np.zeros_like(work.aligned.vertices))
-    displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
-    displacement, left, landed = settle(
-        work.rest,
-        work.reference,
-        displacement,
-        work.index,
-        free,
-        settings,
-        part(progress, 0.7, 0.86),
-        watch.dense,
-    )
-    mending = part(progress, 0.86, 0.88)
-    displacement, bad = mended(
-        work.rest, work.reference, displacement, work.index, free, settings, mending, left
-    )
-    watch.dense(displacement)
-    if weight is not None:
-        displacement, left = unfolded(
-            work.reference, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
-        )
-        bad = len(left)
-    spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
-    field = DisplacementField(work.aligned.vertices, displacement, spread)
+    # how far the two are apart now is only told at the end
+    with aside(lambda word: compared_before(ours.surface, work.reference, work.index, word)) as before:
+        movement = _moved(work, weight, settings, progress, watch)
+        compared = before()
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
     if work.pairs is not None:
         warnings += work.pairs.warnings()
@@ -148,12 +122,13 @@ def morph(
         warnings.append(
             "weights limit the deformation, not the alignment; choose no alignment to keep parts still"
         )
-    outcome = Outcome(
-        ours, theirs, whole, work.alignment.matrix, work.reference, work.index, field, landed, bad
-    )
+    spread = settings.field_spread or FIELD_SPREAD * work.aligned.mean_edge
+    field = DisplacementField(work.aligned.vertices, movement.displacement, spread)
+    matrix, landed, bad = work.alignment.matrix, movement.landed, movement.bad
+    outcome = Outcome(ours, theirs, whole, matrix, work.reference, work.index, field, landed, bad, compared)
     measuring = part(progress, 0.88, 1.0)
     shares = None if weights is None else np.asarray(weights, dtype=float).ravel()
-    result = result_of(outcome, source, settings, history, warnings, measuring, shares)
+    result = result_of(outcome, source, settings, movement.history, warnings, measuring, shares)
     steering = None if work.pairs is None else _steered(result, work.pairs, settings)
     return dataclasses.replace(result, steering=steering, seconds=time.process_time() - started)
 
@@ -167,86 +142,35 @@ def _steered(result: MorphResult, pairs: Pairs, settings: MorphSettings) -> Stee
     return Steering(pairs.names, apart[0], apart[1], pairs.good, settings.steer, pairs.faults)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Work:
-    """What stays the same through all iterations."""
+class _Movement(NamedTuple):
+    """How the aligned nodes move."""
 
-    alignment: Alignment
-    rest: Surface  # the source's own element shapes, mirrored where it was
-    reference: Reference  # the source aligned
-    index: SurfaceIndex
-    sources: list[Surface]  # from the coarsest level to the dense one
-    targets: list[Surface]
-    size: float
-    pairs: Pairs | None
-    weight: float  # of the landmarks' pull
+    displacement: Float  # (n, 3)
+    landed: Float  # (n, 3) where on the target each was laid last; NaN where it was not
+    bad: int  # faces that stayed folded or crossing
+    history: list[Step]
 
-    @property
-    def aligned(self) -> Surface:
-        """The source aligned."""
-        return self.reference.surface
 
-    def pull(self, level: int) -> Pull | None:
-        """What the landmarks do on a level; None where they do nothing."""
-        if self.pairs is None or self.weight == 0 or not self.pairs.good.any():
-            return None
-        good = self.pairs.good
-        source = transformed(self.alignment.matrix, self.pairs.source[good])
-        return Pull(self.sources[level], source, self.pairs.target[good], self.index, self.size, self.weight)
-
-    @classmethod
-    def begun(
-        cls,
-        source: Surface,
-        target: Surface,
-        settings: MorphSettings,
-        pairs: Pairs | None,
-        progress: Progress,
-    ) -> _Work:
-        progress(0.0, "reduced meshes")
-        counts = _counts(source, target, settings)
-        levels, targets, index = at_once(
-            lambda: _reduced_upright(source, counts[0]),
-            lambda: pyramid(target, counts[1]),
-            lambda: SurfaceIndex(target),
+def _moved(
+    work: Work, weight: Float | None, settings: MorphSettings, progress: Progress, watch: Watch
+) -> _Movement:
+    """Deform, lay the nodes onto the target, mend; `weight` (n,) are the shares that nodes take of it."""
+    # whatever may move at all is morphed as a whole, and takes its share of it in the end
+    free = None if weight is None else (weight > 0).astype(float)
+    displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
+    rest, reference, index = work.rest, work.reference, work.index
+    settling, mending = part(progress, 0.7, 0.86), part(progress, 0.86, 0.88)
+    displacement, left, landed = settle(
+        rest, reference, displacement, index, free, settings, settling, watch.dense
+    )
+    displacement, bad = mended(rest, reference, displacement, index, free, settings, mending, left)
+    watch.dense(displacement)
+    if weight is not None:
+        displacement, left = unfolded(
+            reference, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
         )
-        options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
-        options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}
-        options |= {"progress": part(progress, 0.05, 0.25)}
-        if pairs is None:
-            alignment = align(source, target, settings.alignment, **options)
-        else:
-            alignment, pairs = lead(source, target, settings.alignment, pairs, **options)
-        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, source)]
-        rest = source
-        if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
-            moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
-            rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
-        weight = settings.landmark_weight if settings.steer else 0.0
-        places = moved, [*targets, target]
-        return cls(alignment, rest, Reference(moved[-1]), index, *places, target.diagonal, pairs, weight)
-
-
-def _counts(source: Surface, target: Surface, settings: MorphSettings) -> list[list[int]]:
-    """Node counts of the reduced meshes of both, from the coarsest on."""
-    counts = [node_counts(settings, len(mesh.vertices)) for mesh in (source, target)]
-    if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
-        counts[1] = counts[0]
-    return counts
-
-
-def _reduced_upright(source: Surface, counts: list[int]) -> list[Surface]:
-    """Reduced meshes, made in the mesh's own frame: from whatever pose it came, the same edges collapse."""
-    own = canonical_frame(source.vertices)
-    upright, back = source.moved(transformed(own, source.vertices)), inverse(own)
-    return [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts)]
-
-
-def _samples(levels: list[Surface], targets: list[Surface]) -> tuple[Surface, Surface] | None:
-    """The coarsest levels of both, where they are as fine as the alignment wants them."""
-    if not levels or not all(0.9 < len(mesh.vertices) / SAMPLE < 1.5 for mesh in (levels[0], targets[0])):
-        return None
-    return levels[0], targets[0]
+        bad = len(left)
+    return _Movement(displacement, landed, bad, history)
 
 
 def _paired(
@@ -274,7 +198,7 @@ def _clean_weights(weights: ArrayLike | None, ours: Cleaned, count: int) -> Floa
 
 
 def _deform(
-    work: _Work, free: Float | None, settings: MorphSettings, progress: Progress, watch: Watch
+    work: Work, free: Float | None, settings: MorphSettings, progress: Progress, watch: Watch
 ) -> tuple[Float, list[Step]]:
     """Run all stages; return the displacement of the dense mesh (n, 3) and the history."""
     edges = [max(s.mean_edge, t.mean_edge) for s, t in zip(work.sources, work.targets, strict=True)]
@@ -286,7 +210,7 @@ def _deform(
         if there == level:
             return displacement
         carried = _carried(work, level, there, displacement, edges, settings)
-        return carried if free is None else carried * _at_level(work, there, free)[:, None]
+        return carried if free is None else carried * work.at_level(there, free)[:, None]
 
     for number, stage in enumerate(plan):
         level, displacement = stage.level, to_level(stage.level)
@@ -296,7 +220,7 @@ def _deform(
 
 
 def _carried(
-    work: _Work, here: int, there: int, displacement: Float, edges: list[float], settings: MorphSettings
+    work: Work, here: int, there: int, displacement: Float, edges: list[float], settings: MorphSettings
 ) -> Float:
     """Take a level's displacement to a finer level, by the field that it makes."""
     published = settings.correspondence == "nearest" and settings.spread_start > 0
@@ -305,7 +229,7 @@ def _carried(
 
 
 def _run(
-    work: _Work,
+    work: Work,
     stage: Stage,
     displacement: Float,
     free: Float | None,
@@ -319,7 +243,7 @@ def _run(
     rest.border  # noqa: B018  worked out once here, the moved surfaces share it
     target = Target.of(work.index, aim)
     mean = averaging(rest)
-    share = None if free is None else _at_level(work, stage.level, free)
+    share = None if free is None else work.at_level(stage.level, free)
     pull = work.pull(stage.level)
     calm, count = False, len(stage.iterations)
     published = settings.correspondence == "nearest"
@@ -359,10 +283,3 @@ def _vectors(
     if normal_weight is None:
         return by_surface(moved, target, partial)
     return by_nearest(moved, aim, normal_weight, partial)
-
-
-def _at_level(work: _Work, level: int, free: Float) -> Float:
-    """Values of the dense nodes (n,) at a level's nodes: those of the nearest dense node."""
-    if level == len(work.sources) - 1:
-        return free
-    return free[cKDTree(work.aligned.vertices).query(work.sources[level].vertices)[1]]

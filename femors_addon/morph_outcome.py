@@ -17,7 +17,6 @@ from .folds import Reference
 from .grnn import DisplacementField
 from .intersect import self_intersections
 from .keptfield import KeptField
-from .limits import at_once
 from .mesh import Float, Surface
 from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
@@ -57,6 +56,8 @@ class Outcome:
         Where on the target each of them was laid last; NaN where that is not known.
     bad : int
         Faces that stayed folded or crossing.
+    before : Comparison
+        The aligned source against the target.
     """
 
     source: Cleaned
@@ -68,6 +69,7 @@ class Outcome:
     field: DisplacementField
     landed: Float
     bad: int
+    before: Comparison
 
     @cached_property
     def aligned(self) -> Surface:
@@ -143,9 +145,9 @@ def result_of(
     vertices = outcome.vertices(given.vertices, weights)
     progress(0.2, "measuring")
     distance = outcome.distances(vertices)
-    (back, residual), before = at_once(lambda: _way_back(outcome, settings.partial), lambda: _before(outcome))
+    back, residual = _way_back(outcome, settings.partial)
     progress(0.6, "measuring")
-    after = _after(outcome, back, before)
+    before, after = outcome.before, _after(outcome, back)
     aligned = transformed(outcome.matrix, given.vertices)
     if outcome.whole is not outcome.source:
         before, after = (
@@ -182,19 +184,32 @@ def _way_back(outcome: Outcome, partial: str) -> tuple[Closest, Float]:
     return back, misfit_around(outcome.morphed, outcome.to_target, target, back, partial, index)
 
 
-def _before(outcome: Outcome) -> Comparison:
-    """Compare the aligned source with the target; of very dense meshes a sample tells how far they are."""
+def compared_before(
+    source: Surface, reference: Reference, index: SurfaceIndex, progress: Progress
+) -> Comparison:
+    """Compare the aligned source with the target; of very dense meshes a sample tells how far they are.
+
+    Parameters
+    ----------
+    source : Surface
+        As it was.
+    reference : Reference
+        The same aligned.
+    index : SurfaceIndex
+        Of the target.
+    """
     return compare(
-        outcome.source.surface,
-        outcome.aligned,
-        outcome.target.surface,
-        target_index=outcome.index,
-        self_intersecting=len(outcome.reference.crossing),
+        source,
+        source.moved(reference.surface.vertices),
+        index.surface,
+        target_index=index,
+        self_intersecting=len(reference.crossing),
         sample=BEFORE,
+        progress=progress,
     )
 
 
-def _after(outcome: Outcome, back: Closest, before: Comparison) -> Comparison:
+def _after(outcome: Outcome, back: Closest) -> Comparison:
     """Compare the morphed source with the target; `back` are the target's nodes on it."""
     source = outcome.source.surface
     return compare(
@@ -205,7 +220,7 @@ def _after(outcome: Outcome, back: Closest, before: Comparison) -> Comparison:
         to_target=outcome.to_target,
         from_target=back.distance,
         # nothing bad is left in a source without crossings: that has been looked at
-        self_intersecting=0 if not outcome.bad and not before.self_intersecting else None,
+        self_intersecting=0 if not outcome.bad and not outcome.before.self_intersecting else None,
     )
 
 

@@ -18,6 +18,7 @@ from .intersect import Piercings, crossings, piercings, self_intersections
 from .limits import Limits
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
+from .progress import Progress, silent
 
 __all__ = [
     "Comparison",
@@ -258,6 +259,7 @@ def compare(
     from_target: Float | None = None,
     self_intersecting: int | None = None,
     sample: int = 0,
+    progress: Progress = silent,
 ) -> Comparison:
     """Measure `morphed` (the faces of `source` at new positions) against `target`.
 
@@ -273,8 +275,8 @@ def compare(
     there = back = np.zeros(0)
     if len(points) and len(aims):
         index = target_index or SurfaceIndex(target)
-        there = index.closest(points).distance if to_target is None else to_target
-        back = SurfaceIndex(morphed).closest(aims).distance if from_target is None else from_target
+        there = index.closest(points, progress).distance if to_target is None else to_target
+        back = SurfaceIndex(morphed).closest(aims, progress).distance if from_target is None else from_target
     if self_intersecting is None:
         self_intersecting = len(np.unique(self_intersections(morphed)))
     return Comparison(

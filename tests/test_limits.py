@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from femors_addon import crew, frames, intersect, limits, nearest
+from femors_addon import morph as morph_module
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
 from femors_addon.grnn import DisplacementField
@@ -19,7 +20,7 @@ from femors_addon.keptfield import KeptField
 from femors_addon.morph import morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.overclosure import Body, check_overclosure, remove_overclosure
-from femors_addon.progress import FemorsError
+from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.regions import RegionMap
 from femors_addon.shapes import pair, sphere, warp
 from femors_addon.transfer import Transfer
@@ -193,3 +194,83 @@ def test_what_needs_too_much_memory_is_refused_before_it_starts(job, words):
     assert not said
     limits.allow(1, 0)
     limits.require_memory(1e15, "anything")
+
+
+def test_a_job_aside_is_done_when_it_is_asked_for_where_one_thread_is_allowed():
+    limits.allow(1, 0)
+    done = []
+    with limits.aside(lambda _progress: done.append(threading.current_thread())) as wait:
+        assert not done
+        wait()
+        assert done == [threading.current_thread()]
+    with limits.aside(lambda _progress: done.clear()):  # nobody asks
+        pass
+    assert done
+
+
+def test_a_job_aside_runs_beside_the_rest_as_one_of_the_threads_allowed(monkeypatch):
+    limits.allow(3, 0)
+    pools, go_on = [], threading.Event()
+    pool = limits.ThreadPoolExecutor
+    monkeypatch.setattr(
+        limits, "ThreadPoolExecutor", lambda count, **more: pools.append(count) or pool(count, **more)
+    )
+
+    def job(_progress):
+        assert go_on.wait(10)
+        return list(limits.in_threads(str, range(3)))  # no threads of its own
+
+    with limits.aside(job) as wait:
+        while not limits.Limits.aside:
+            pass
+        assert list(limits.in_threads(abs, [-1, -2])) == [1, 2]
+        go_on.set()
+        assert wait() == ["0", "1", "2"]
+    assert list(limits.in_threads(abs, [-1, -2])) == [1, 2]
+    assert pools == [1, 2, 3]
+    assert limits.Limits.aside == 0
+
+
+def test_a_job_aside_is_stopped_where_the_rest_fails_and_its_own_failure_is_told():
+    limits.allow(2, 0)
+    looks = []
+
+    def endless(progress):
+        while True:
+            looks.append(None)
+            progress(0.5, "")
+
+    with pytest.raises(ZeroDivisionError), limits.aside(endless):
+        while not looks:
+            pass
+        raise ZeroDivisionError
+    seen = len(looks)
+    assert limits.Limits.aside == 0
+    assert len(looks) == seen  # it has ended
+
+    with limits.aside(lambda _progress: 1 // 0) as wait, pytest.raises(ZeroDivisionError):
+        wait()
+
+
+def test_a_morph_measures_beside_its_iterations_and_ends_both_when_it_is_cancelled(monkeypatch):
+    where, main = [], threading.current_thread()
+    whole = morph_module.compared_before
+
+    def noted(*args):
+        where.append(threading.current_thread())
+        return whole(*args)
+
+    monkeypatch.setattr(morph_module, "compared_before", noted)
+    for threads, beside in ((1, False), (2, True)):
+        limits.allow(threads, 0)
+        morph(BONES.source, BONES.target)
+        assert (where.pop() is not main) == beside
+
+    def cancelling(_fraction, text):
+        if "iteration 3" in text:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        morph(BONES.source, BONES.target, progress=cancelling)
+    assert not where[0].is_alive()
+    assert limits.Limits.aside == 0

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a morph works with: both meshes at all levels, the source aligned, the target's search structure."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .align import Alignment, align
+from .folds import Reference
+from .icp import SAMPLE
+from .landmark_pairs import Pairs
+from .limits import at_once
+from .mesh import Float, Surface
+from .morph_settings import MorphSettings
+from .nearest import SurfaceIndex
+from .poses import canonical_frame
+from .progress import Progress, part
+from .reduce import pyramid
+from .schedule import node_counts
+from .steer import Pull, lead
+from .transforms import inverse, transformed
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Work:
+    """What stays the same through all iterations.
+
+    Attributes
+    ----------
+    alignment : Alignment
+    rest : Surface
+        The source's own element shapes, mirrored where it was.
+    reference : Reference
+        The source aligned.
+    index : SurfaceIndex
+        Of the target.
+    sources, targets : list of Surface
+        Of each level, from the coarsest to the dense one; the sources aligned.
+    size : float
+        Diagonal of the target's bounding box.
+    pairs : Pairs or None
+        Landmarks that are believed or not.
+    weight : float
+        Of the landmarks' pull.
+    """
+
+    alignment: Alignment
+    rest: Surface
+    reference: Reference
+    index: SurfaceIndex
+    sources: list[Surface]
+    targets: list[Surface]
+    size: float
+    pairs: Pairs | None
+    weight: float
+
+    @property
+    def aligned(self) -> Surface:
+        """The source aligned."""
+        return self.reference.surface
+
+    def pull(self, level: int) -> Pull | None:
+        """What the landmarks do on a level; None where they do nothing."""
+        if self.pairs is None or self.weight == 0 or not self.pairs.good.any():
+            return None
+        good = self.pairs.good
+        source = transformed(self.alignment.matrix, self.pairs.source[good])
+        return Pull(self.sources[level], source, self.pairs.target[good], self.index, self.size, self.weight)
+
+    def at_level(self, level: int, free: Float) -> Float:
+        """Values of the dense nodes (n,) at a level's nodes: those of the nearest dense node."""
+        if level == len(self.sources) - 1:
+            return free
+        return np.asarray(free[cKDTree(self.aligned.vertices).query(self.sources[level].vertices)[1]])
+
+    @classmethod
+    def begun(
+        cls,
+        source: Surface,
+        target: Surface,
+        settings: MorphSettings,
+        pairs: Pairs | None,
+        progress: Progress,
+    ) -> Work:
+        """Reduce both meshes and align the source; both are cleaned."""
+        progress(0.0, "reduced meshes")
+        counts = _counts(source, target, settings)
+        levels, targets, index = at_once(
+            lambda: _reduced_upright(source, counts[0]),
+            lambda: pyramid(target, counts[1]),
+            lambda: SurfaceIndex(target),
+        )
+        options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
+        options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}
+        options |= {"progress": part(progress, 0.05, 0.25)}
+        if pairs is None:
+            alignment = align(source, target, settings.alignment, **options)
+        else:
+            alignment, pairs = lead(source, target, settings.alignment, pairs, **options)
+        moved = [mesh.moved(transformed(alignment.matrix, mesh.vertices)) for mesh in (*levels, source)]
+        rest = source
+        if np.linalg.det(alignment.matrix[:3, :3]) < 0:  # a mirror image: the maths wants it outward again
+            moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
+            rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
+        weight = settings.landmark_weight if settings.steer else 0.0
+        places = moved, [*targets, target]
+        return cls(alignment, rest, Reference(moved[-1]), index, *places, target.diagonal, pairs, weight)
+
+
+def _counts(source: Surface, target: Surface, settings: MorphSettings) -> list[list[int]]:
+    """Node counts of the reduced meshes of both, from the coarsest on."""
+    counts = [node_counts(settings, len(mesh.vertices)) for mesh in (source, target)]
+    if settings.reduction == 0 or len(counts[0]) != len(counts[1]):
+        counts[1] = counts[0]
+    return counts
+
+
+def _reduced_upright(source: Surface, counts: list[int]) -> list[Surface]:
+    """Reduced meshes, made in the mesh's own frame: from whatever pose it came, the same edges collapse."""
+    own = canonical_frame(source.vertices)
+    upright, back = source.moved(transformed(own, source.vertices)), inverse(own)
+    return [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts)]
+
+
+def _samples(levels: list[Surface], targets: list[Surface]) -> tuple[Surface, Surface] | None:
+    """The coarsest levels of both, where they are as fine as the alignment wants them."""
+    if not levels or not all(0.9 < len(mesh.vertices) / SAMPLE < 1.5 for mesh in (levels[0], targets[0])):
+        return None
+    return levels[0], targets[0]
