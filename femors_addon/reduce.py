@@ -11,6 +11,7 @@ import numpy as np
 from .cleaning import clean
 from .mesh import Surface
 from .progress import FemorsError
+from .thinning import thinned
 
 STEP = 50_000
 """Faces taken away at a time: fast-simplification lets no other thread run meanwhile, and a window that
@@ -25,15 +26,27 @@ ROUGHNESS, SEED = 0.003, 20
 """Mean edges that vertices are moved by, along their normals and at random: on a flat facet no collapse costs
 anything, and all nodes but those of its outline would go. Far below what the reduced mesh itself loses."""
 
+DENSE, FEWER = 150_000, 3.5
+"""Nodes of a mesh that is thinned, and how many times fewer are wanted at least: it leaves one of 4.3."""
+
 _alone = threading.Lock()  # it keeps the mesh in variables of the whole process
 
 
 def reduced(surface: Surface, nodes: int) -> Surface:
     """Return a version with about `nodes` nodes, by quadric edge collapse (fast-simplification).
 
+    A mesh of more than `DENSE` nodes is `thinned` before, as long as that leaves about enough.
     The surface itself is returned where it has no more nodes than that, and where it cannot be
     reduced (its pieces would collapse).
     """
+    if nodes >= len(surface.vertices):
+        return surface
+    random = np.random.default_rng(SEED)
+    while len(surface.vertices) > max(DENSE, FEWER * nodes):
+        try:
+            surface = thinned(surface, random)
+        except FemorsError:
+            break
     if nodes >= len(surface.vertices):
         return surface
     # Euler: about two faces a node; scaled from what the surface has, borders and all
@@ -42,7 +55,6 @@ def reduced(surface: Surface, nodes: int) -> Surface:
         return surface
     low, high = surface.bounds
     centre, scale = (low + high) / 2, max(surface.mean_edge / GRAIN, np.finfo(float).tiny)
-    random = np.random.default_rng(SEED)
     rough = ROUGHNESS * surface.mean_edge * random.choice([-1.0, 1.0], (len(surface.vertices), 1))
     points = (surface.vertices + rough * surface.vertex_normals - centre) / scale
     # faces collapse in their order until there are few enough: in the order of the file the mesh would be
