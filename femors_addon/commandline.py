@@ -149,6 +149,7 @@ def _same(one: str, two: str) -> bool:
 
 TICKS = {
     "tick Convert units": "pass --fix-units",
+    "set Overlap": "pass --partial source (or target)",
     "tick Mirror if better": "pass --fix-mirror",
     "go the other way (inverse)": "go the other way (pass --inverse)",
     "go the other way (without inverse)": "go the other way (leave out --inverse)",

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from . import landmarkcsv, markups
 from .files import Location, read_bytes, shown
 from .mesh import Float, frozen
-from .progress import FemorsError, listed
+from .progress import FemorsError, counted, listed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,5 +162,5 @@ def paired(source: Landmarks, target: Landmarks) -> tuple[Float, Float]:
             f"{len(source.points)} source landmarks and {len(target.points)} target landmarks are not pairs"
         )
     if len(source.points) < 3:
-        raise FemorsError(f"{len(source.points)} pair(s) of landmarks; at least 3 are needed")
+        raise FemorsError(f"{counted(len(source.points), 'pair')} of landmarks; at least 3 are needed")
     return source.points, target.points

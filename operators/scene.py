@@ -8,7 +8,7 @@ import hashlib
 
 import bpy
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from . import scene_marks
 from .lazy import Array, np
 
@@ -292,7 +292,8 @@ def paired_landmarks(source: Snapshot, target: Snapshot) -> tuple[Array, Array, 
     names = [name for name in source.landmarks if name in target.landmarks]
     if len(names) < 3:
         raise FemorsError(
-            f"{len(names)} landmark pair(s) between '{source.name}' and '{target.name}', at least 3 are "
+            f"{counted(len(names), 'landmark pair')} between '{source.name}' and '{target.name}', "
+            "at least 3 are "
             "needed: make vertex groups of one vertex each, with the same names on both"
         )
     ours, theirs = (np.array([shot.landmarks[name] for name in names]) for shot in (source, target))

@@ -426,7 +426,7 @@ def test_a_deck_from_elsewhere_than_the_disk(tmp_path):
         ("  4, 0, 0", "  4.5, 0, 0", ("line 10", "a node's id was expected, a whole number from 1, not 4.5")),
         ("  4, 0, 0", "  -4, 0, 0", ("line 10", "a node's id was expected")),
         ("      5,  1 , 1,  1\n", "      5\n", ("line 11", "coordinates x, y, z were expected, not 1 value")),
-        ("      5,  1 ,", "      5,  1 ,1,2,3,4,5,6,", ("line 11", "not 10 value(s)")),
+        ("      5,  1 ,", "      5,  1 ,1,2,3,4,5,6,", ("line 11", "not 10 values")),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, x, 4\n", ("line 13", "a whole number was expected, not 'x'")),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, , 4\n", ("line 13", "a whole number was expected, not ''")),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, 3.0, 4\n", ("line 13", "a whole number was expected, not '3.0'")),

@@ -24,7 +24,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("FEMORS_DATA", ROOT.parent / "shared" / "data"))
 OUTPUT = ROOT / "bench_output"
-BENCH_PYTHON = Path("~/.cache/femors/bench-venv/bin/python").expanduser()
+BENCH_PYTHON = next(Path("~/.cache/femors").expanduser().glob("bench-[0-9]*/bin/python"), None)
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "bench")]
 
 NAMES = {
