@@ -338,7 +338,7 @@ def test_another_unit_is_told_with_the_option_once(tmp_path, capsys):
     meshfiles.write(tmp_path / "metres.obj", ball(10, 12, (0.03, 0.024, 0.06)))
     meshfiles.write(tmp_path / "mm.stl", TARGET)
     err = refused(capsys, "morph", tmp_path / "metres.obj", tmp_path / "mm.stl", "-o", tmp_path / "o.stl")
-    assert "1000 times" in err and err.count("--fix-units") == 1
+    assert "1000 times" in err and err.count("--fix-units") == 1 and "--partial source (or target)" in err
 
 
 def test_a_defect_is_not_a_result(pair, tmp_path, capsys, no_morph):

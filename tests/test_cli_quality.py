@@ -50,6 +50,19 @@ def test_faults_give_code_1_and_a_line_each(bones, capsys):
     assert "faces cross others" in err
 
 
+def test_notes_name_the_file(bones, capsys):
+    """The core speaks of the "mesh"; who has given two files wants to know which one."""
+    made = pair(500, 500).source
+    twice = np.vstack((made.faces, made.faces[:1]))
+    mesh = bones / "twice.obj"
+    meshfiles.write(mesh, MeshFile(made.vertices, np.full(len(twice), 3), twice.ravel()))
+    code, _, err = run(capsys, "quality", mesh, "--report", bones / "t.json")
+    assert code == 0 and err == f"femors: note: {mesh}: 1 face stands twice and was counted once\n"
+    assert json.loads((bones / "t.json").read_text())["notes"] == [
+        f"{mesh}: 1 face stands twice and was counted once"
+    ]
+
+
 def test_a_page_of_a_mesh_and_of_a_morph(bones, capsys):
     page = bones / "q.html"
     assert run(capsys, "quality", bones / "a.obj", "--report", page, "--quiet")[0] == 0
