@@ -17,9 +17,6 @@ REFUSED, DEFECT, INTERRUPTED = 2, 3, 130
 
 EXIT_CODES = """exit codes:
   0    done
-  1    the result is written, but the morph did not converge, or the result has flipped
-       faces or self-intersections that the source had not; or the mesh that was measured
-       has faults; the reason is on stderr
   2    bad input or usage: one line on stderr, nothing is written
   3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
   130  interrupted (Ctrl-C); the last line says if anything is written
@@ -86,7 +83,7 @@ def _state(console: Console) -> str:
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = Parser(
         prog=prog,
-        description="Morph one mesh into the shape of another; push overlapping bodies apart.",
+        description="Morph one mesh into the shape of another, carry landmarks along, push overlapping bodies apart.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"FEMORS {version()}")
@@ -112,6 +109,13 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     return parser
 
 
+def _with_code_1(*lines: str) -> str:
+    """Return the exit codes with the one that says that something is imperfect."""
+    head, zero, *rest = EXIT_CODES.splitlines()
+    one = [f"  {'1' if not number else ' '}    {line}" for number, line in enumerate(lines)]
+    return "\n".join((head, zero, *one, *rest)) + "\n"
+
+
 COMMANDS = (
     Command(
         name="morph",
@@ -119,6 +123,10 @@ COMMANDS = (
         help="Morph SOURCE into the shape of TARGET.",
         options=cli_morph.options,
         run=cli_morph.run,
+        exit_codes=_with_code_1(
+            "the result is written, but the morph did not converge, or the result has flipped",
+            "faces or self-intersections that the source had not; the reason is on stderr",
+        ),
     ),
     Command(
         name="convert",
@@ -133,6 +141,10 @@ COMMANDS = (
         help="Measure MESH: shapes of its faces, faults, volume, and its distance from OTHER.",
         options=cli_quality.options,
         run=cli_quality.run,
+        exit_codes=_with_code_1(
+            "measured, and faces cross others, are folded over or have no area, or elements are",
+            "inverted: the reason is on stderr",
+        ),
     ),
     Command(
         name="transfer",

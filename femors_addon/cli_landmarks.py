@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from . import cli_convert, deckfiles, files, landmarkfiles, landmarks
 from .carry import Carrier
 from .cleaning import clean
-from .cli_transfer import MARKS, REPORT, TABLE, table_of, write_all
+from .cli_transfer import REPORT, TABLE, table_of, write_all
 from .commandline import Console, add_settings, check_paths, settings_of
 from .landmarkfiles import Landmarks
 from .mesh import Surface
@@ -33,7 +33,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "inputs",
         metavar="TEMPLATE TARGET TEMPLATE.csv",
         nargs="+",
-        help=f"a mesh, the mesh to find the landmarks on, and those of the first ({MARKS}); "
+        help=f"a mesh, the mesh to find the landmarks on, and those of the first ({landmarkfiles.MARKS}); "
         "or TARGET alone, with --template",
     )
     parser.add_argument("-o", "--out", metavar="OUT.csv", required=True, help="the landmarks on TARGET")

@@ -52,9 +52,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "--field", metavar="F.npz", help="the alignment and the displacement field, as NumPy arrays"
     )
     parser.add_argument("--source-landmarks", metavar="A.csv", help="points on SOURCE for the alignment, and")
-    parser.add_argument(
-        "--target-landmarks", metavar="B.csv", help="those on TARGET: x,y,z or name,x,y,z in each row"
-    )
+    parser.add_argument("--target-landmarks", metavar="B.csv", help=f"those on TARGET: {landmarkfiles.MARKS}")
     add_settings(parser, MorphSettings, {"alignment": "--align"})
 
 

@@ -13,7 +13,7 @@ from .deck import Deck
 from .examine import WORST_ASPECT, Examination, examine
 from .progress import FemorsError, counted
 from .report_figures import mesh_figures
-from .report_files import HELP, check_ending, report_bytes
+from .report_files import FORMATS, check_ending, report_bytes
 from .version import version
 from .volume_quality import VolumeQuality
 
@@ -33,7 +33,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         metavar="FLOAT",
         help=f"faces with a larger aspect ratio count as slender (default {WORST_ASPECT:g})",
     )
-    parser.add_argument("--report", metavar="R", help=HELP)
+    parser.add_argument("--report", metavar="R", help=f"every figure: {FORMATS}")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:

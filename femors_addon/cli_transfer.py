@@ -37,7 +37,6 @@ EXIT_CODES = """exit codes:
 """
 TABLE = "the landmarks with distance, residual, stretch, projection and spread, as CSV"
 REPORT = "each landmark and file before and after, and " + HELP
-MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +46,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "inputs",
         metavar="INPUT",
         nargs="+",
-        help=f"meshes and decks ({cli_convert.KINDS}); landmarks: {MARKS}",
+        help=f"meshes and decks ({cli_convert.KINDS}); landmarks: {landmarkfiles.MARKS}",
     )
     parser.add_argument(
         "-o", "--out", metavar="OUTDIR", required=True, help="a folder; outputs keep the inputs' names"

@@ -79,13 +79,11 @@ def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[st
     settings a second, shorter option.
     """
     kinds = typing.get_type_hints(cls)
-    main = parser.add_argument_group("settings")
-    advanced = parser.add_argument_group("advanced", "for special cases; the defaults need no tuning")
     for name, (field, spec) in specs(cls).items():
         flags = [f"--{name.replace('_', '-')}"]
         if name in aliases:
             flags.insert(0, aliases[name])
-        group = advanced if spec.advanced else main
+        group = _group(parser, spec.advanced)
         options: dict[str, Any] = {"help": _help(spec, field.default)}
         if spec.choices:
             options |= {"choices": [choice[0] for choice in spec.choices], "metavar": "KIND"}
@@ -94,6 +92,14 @@ def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[st
         else:
             options |= {"type": kinds[name], "metavar": kinds[name].__name__.upper()}
         group.add_argument(*flags, dest=_destination(name), default=argparse.SUPPRESS, **options)
+
+
+def _group(parser: argparse.ArgumentParser, advanced: bool) -> argparse._ArgumentGroup:
+    """Return the group of options that a setting belongs to; made for the first one that does."""
+    title = "advanced" if advanced else "settings"
+    words = "for special cases; the defaults need no tuning" if advanced else None
+    made = next((group for group in parser._action_groups if group.title == title), None)
+    return made or parser.add_argument_group(title, words)
 
 
 def settings_of(args: argparse.Namespace, base: Settings) -> Settings:

@@ -29,6 +29,8 @@ FORMATS = {
     ".fcsv": _Kind(markups.parse_fcsv, markups.build_fcsv),
     ".csv": _Kind(landmarkcsv.parse, landmarkcsv.build),
 }
+MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
+"""The files of landmarks, for the help of the command line."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
