@@ -73,8 +73,8 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
         notes.append(
             counted(
                 shared,
-                f"vertex stood twice or more and was {MERGED}",
-                f"vertices stood twice or more and were {MERGED}",
+                "vertex stood twice or more and was merged for the maths",
+                "vertices stood twice or more and were merged for the maths",
             )
         )
     unused = int((to_clean < 0).sum())
