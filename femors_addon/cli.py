@@ -13,7 +13,7 @@ from .commandline import Console, Parser
 from .progress import FemorsError
 from .version import version
 
-REFUSED, DEFECT, INTERRUPTED = 2, 3, 130
+IMPERFECT, REFUSED, DEFECT, INTERRUPTED = 1, 2, 3, 130
 
 EXIT_CODES = """exit codes:
   0    done
@@ -56,7 +56,11 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
         if args.command is None:
             parser.error(f"a command is needed: {', '.join(command.name for command in COMMANDS)}")
         console = Console(args.quiet)
-        return args.command.run(args, console)
+        code = args.command.run(args, console)
+        if console.lost:
+            done = "; the result is written" if console.written else ""
+            console.warn(f"the figures could not be written to stdout ({console.lost}){done}")
+        return code or (IMPERFECT if console.lost else 0)
     except FemorsError as error:
         console.warn(str(error))
         return REFUSED
@@ -83,7 +87,7 @@ def _state(console: Console) -> str:
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = Parser(
         prog=prog,
-        description="Morph one mesh into the shape of another, carry landmarks along, push overlapping bodies apart.",
+        description="Morph meshes into the shape of others, carry landmarks, push overlapping bodies apart.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"FEMORS {version()}")

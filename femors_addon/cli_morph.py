@@ -145,7 +145,7 @@ def _write(
         if args.field is not None:
             date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             names = (Path(args.source).stem, Path(args.target).stem)
-            figures.kept(*names, date).placed(stand).save(paths[args.field])
+            paths[args.field].write_bytes(figures.kept(*names, date).placed(stand).encoded())
     mirrored = "mirrored; faces keep their corners' order, so their inner and outer sides are swapped"
     return [
         # only surfaces get here mirrored: volumes refuse

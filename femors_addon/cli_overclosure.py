@@ -158,8 +158,7 @@ def _write(
         notes += [*getattr(source.thing, "notes", ()), *parts.notes]
     report = [] if args.report is None else [Path(args.report)]
     check_paths(_inputs(sources), [*written, *report])
-    Path(args.out).mkdir(parents=True, exist_ok=True)
-    with files.replacing(*written, *report) as new:
+    with files.folder_for(args.out), files.replacing(*written, *report) as new:
         for temporary, data in zip(
             new,
             [*written.values(), *(_report(args, version, bodies, exclude, result) for _ in report)],
@@ -214,6 +213,7 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
         raise FemorsError(f"{folder}: is a file; -o takes a folder")
     paths = [folder / Path(path).name for path in args.sources]
     check_paths(args.sources, paths)
+    files.check_folder(folder)
     if folder.exists():
         files.check_writable(*paths)
     return paths

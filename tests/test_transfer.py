@@ -449,7 +449,7 @@ def test_known_landmarks_steer(subjects, tmp_path, capsys):
     ("args", "words"),
     [
         (["one.ply", "target.ply", "-o", "o.csv"], "2 files are given"),
-        (["target.ply", "-o", "o.csv"], "1 files are given"),
+        (["target.ply", "-o", "o.csv"], "1 file is given"),
         (["one.ply", "target.ply", "one.csv", "-o", "o.stl"], "no kind of landmark file"),
         (["one.ply", "target.ply", "one.csv", "-o", "one.csv"], "also an input"),
         (
