@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import landmarkcsv, markups
-from .files import Location, read_bytes, shown
+from .files import Location, check_no_folder, read_bytes, shown
 from .mesh import Float, frozen
 from .progress import FemorsError, counted, listed
 
@@ -79,6 +79,7 @@ def ending_of(path: Location) -> str:
     """Return the ending of a landmark file; raise `FemorsError` where it is no known one."""
     ending = _ending(path)
     if ending not in FORMATS:
+        check_no_folder(path)
         raise FemorsError(f"{path}: is no kind of landmark file; use {', '.join(FORMATS)}")
     return ending
 

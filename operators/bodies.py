@@ -271,8 +271,7 @@ def _model(one: BodyShot, deck: Deck | None) -> Model:
     matrix = one.seen.matrix
     mirrored = np.linalg.det(matrix[:3, :3]) < 0
     if deck is None or one.part is None:
-        faces = one.seen.triangles[:, ::-1] if mirrored else one.seen.triangles
-        surface = Surface(transformed(matrix, one.local), faces)
+        surface = Surface(transformed(matrix, one.local), one.seen.triangles)
         return Model(one, Body(one.name, surface, one.share), np.arange(len(one.local)))
     part, vertex = one.part.of(deck), one.part.vertices(deck)
     coordinates = np.array(deck.coordinates)

@@ -26,7 +26,8 @@ class Snapshot:
     vertices : (n, 3) float64
         World coordinates.
     triangles : (m, 3) int32
-        Quads split on a fixed diagonal, larger polygons as Blender draws them.
+        Quads split on a fixed diagonal, larger polygons as Blender draws them; wound as they are seen where
+        the object is mirrored.
     matrix : (4, 4) float64
         Local to world.
     fingerprint : str
@@ -113,6 +114,8 @@ def snapshot(
     finally:
         if evaluated:
             bpy.data.meshes.remove(mesh)
+    if np.linalg.det(matrix[:3, :3]) < 0:  # Blender shows the other side of faces that are mirrored
+        triangles = np.ascontiguousarray(triangles[:, ::-1])
     for array in (world, triangles, matrix):
         array.setflags(write=False)
     library = item.library.filepath if item.library else ""

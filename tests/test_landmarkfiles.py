@@ -165,7 +165,9 @@ def test_what_is_wrong_is_told_in_a_line(tmp_path, ending, text, words):
     assert "\n" not in str(error.value)
 
 
-def test_an_ending_that_is_none_is_told():
+def test_an_ending_that_is_none_is_told(tmp_path):
+    with pytest.raises(FemorsError, match="is a folder; name a file"):
+        landmarkfiles.ending_of(tmp_path)
     with pytest.raises(FemorsError, match="no kind of landmark file"):
         landmarkfiles.ending_of("marks.xlsx")
     assert landmarkfiles.is_landmarks("A.MRK.JSON")

@@ -151,6 +151,15 @@ def test_transforms_do_not_change_the_result(pair, tools, transform, result):
         assert item.parent is source.parent
 
 
+def test_a_mirrored_object_is_not_taken_for_one_turned_inside_out(pair):
+    """Blender shows the outside of a mirrored object; so does what is said of it."""
+    pair[0].scale = (-1.0, 2.0, 0.5)
+    report = json.loads(morph().femors.report)
+    assert report["warnings"] == []
+    assert bpy.ops.femors.quality(mesh="Femur", other="") == {"FINISHED"}
+    assert json.loads(pair[0].femors.quality)["notes"] == []
+
+
 def test_a_moved_target_counts_where_it_is(pair, tools):
     _, target = pair
     target.location = (10, 0, 0)
