@@ -508,7 +508,7 @@ def test_meshes_that_lost_their_nodes(deck, tmp_path, tools):
     tools.add_object("Target", *tools.sphere())
     refused("lacks 1 of the 168 nodes", bpy.ops.femors.morph, tools, source="BLOCK", target="Target")
     edited(bpy.ops.mesh.duplicate)
-    refused("1 vertices that are no nodes", bpy.ops.femors.export_deck, tools, filepath=out, object="BLOCK")
+    refused("1 vertex that is no node", bpy.ops.femors.export_deck, tools, filepath=out, object="BLOCK")
     item.data = whole.copy()
     item.data.attributes.remove(item.data.attributes["node_id"])
     refused("lost its attribute", bpy.ops.femors.export_deck, tools, filepath=out, object="BLOCK")
