@@ -69,7 +69,7 @@ def find(name: str, role: str) -> bpy.types.Object:
         raise FemorsError(f"There is no object named '{name}' to be the {role}")
     if found.type != "MESH":
         kind = found.bl_rna.properties["type"].enum_items[found.type].name.lower()
-        raise FemorsError(f"The {role} '{name}' is of type {kind}: convert it to a mesh first")
+        raise FemorsError(f"The {role} '{name}' is of type {kind}: choose a mesh, or convert it to one")
     return found
 
 

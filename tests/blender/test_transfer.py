@@ -489,6 +489,7 @@ def state(tools) -> tuple:
         ({"strength": 0.5}, "all the way"),
         ({"use_groups": False}, "Nothing is to be made"),
         ({"what": "OBJECTS", "objects": "gone"}, "no object named 'gone'"),
+        ({"what": "OBJECTS", "objects": "Femur, Scan"}, "to be carried: semicolons stand between names"),
         ({"what": "OBJECTS", "objects": "Lamp"}, "type light"),
         ({"what": "OBJECTS", "objects": "Mark", "result": "SHAPE_KEY"}, "choose Copies"),
         ({"what": "OBJECTS", "objects": "Femur", "project": True, "strength": 0.5}, "strength 1"),
