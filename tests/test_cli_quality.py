@@ -7,8 +7,9 @@ import json
 
 import numpy as np
 import pytest
+from commands import run
 
-from femors_addon import cli, meshfiles
+from femors_addon import meshfiles
 from femors_addon.meshfiles import MeshFile
 from femors_addon.shapes import pair
 
@@ -21,12 +22,6 @@ def bones(tmp_path_factory):
         sizes = np.full(len(surface.faces), 3)
         meshfiles.write(folder / name, MeshFile(surface.vertices, sizes, surface.faces.ravel()))
     return folder
-
-
-def run(capsys, *argv):
-    code = cli.main([str(word) for word in argv])
-    said = capsys.readouterr()
-    return code, said.out, said.err
 
 
 def test_a_sound_mesh_beside_another(bones, capsys):
