@@ -121,3 +121,23 @@ def tools():
     for function in (sphere, add_object, world, census):
         setattr(Tools, function.__name__, staticmethod(function))
     return Tools
+
+
+@pytest.fixture()
+def deck(tmp_path, empty):
+    """A function that writes a deck, imports it, and returns its path and the objects."""
+
+    def make(text: str, name: str = "model.inp"):
+        path = tmp_path / name
+        path.write_text(text)
+        before = set(bpy.data.objects)
+        assert bpy.ops.femors.import_deck(filepath=str(path)) == {"FINISHED"}
+        return path, [item for item in bpy.data.objects if item not in before]
+
+    return make
+
+
+@pytest.fixture()
+def core(part):
+    """The core's modules by name."""
+    return lambda name: part(f"femors_addon.{name}")
