@@ -97,9 +97,8 @@ def main() -> int:
                     said += path.read_text(encoding="utf-8").splitlines()
             new = refreshed(old, said)
             page.write_text(new, encoding="utf-8")
-            print(
-                f"{name}: {sum(a != b for a, b in zip(old.splitlines(), new.splitlines(), strict=True))} lines changed"
-            )
+            changed = sum(one != two for one, two in zip(old.splitlines(), new.splitlines(), strict=True))
+            print(f"{name}: {changed} lines changed")
             for line in gone(old, new):
                 print(f"    look at: {line}")
         os.chdir(here)
