@@ -13,7 +13,7 @@ import bpy
 from mathutils import Matrix, Vector
 
 from ..femors_addon.progress import FemorsError
-from . import scene
+from . import placing, scene
 from .lazy import Array, np
 
 CLOUDS = ("POINTCLOUD", "CURVES")  # whose points are an attribute
@@ -89,8 +89,7 @@ def copy_of(
             data.name = name
         inverse = np.linalg.inv(matrix)
         local = world @ inverse[:3, :3].T + inverse[:3, 3]
-        for collection in item.users_collection or (context.scene.collection,):
-            collection.objects.link(copy)
+        placing.place(context, copy, item)
         copy.animation_data_clear()  # it would be where its keys say, not where it was carried
         _freed(context, copy, matrix)
         if item.type == "MESH":

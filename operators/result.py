@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..femors_addon.progress import FemorsError, counted
+from . import placing
 from .lazy import Array, np
 from .scene import Snapshot, evaluated_mesh
 
@@ -88,8 +89,7 @@ def new_object(
         if inside_out:
             mesh.flip_normals()
         _write_attributes(mesh, attributes)
-        for collection in source.users_collection or (context.scene.collection,):
-            collection.objects.link(item)
+        placing.place(context, item, source)
         _show(context, item)
         for block in (item, mesh):
             _own_animation(block)
