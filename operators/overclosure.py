@@ -154,6 +154,10 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
     def prepare(self, context: bpy.types.Context) -> Compute:
         """Read the bodies; return the removal as a function of progress."""
         items = self.read(context)
+        if all(bodies.is_linked(item) for item in items):
+            raise FemorsError(
+                "all bodies are linked from another file, and so rigid: make one local (Object > Relations)"
+            )
         for item, shot in zip(items, self._shots, strict=True):
             if shot.share:
                 bodies_write.check_writable(item, self.result)

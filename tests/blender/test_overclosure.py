@@ -341,6 +341,11 @@ def test_linked_bodies_are_rigid(balls, tmp_path, core):
     assert findings(core, one, linked)[0].clear
     with pytest.raises(RuntimeError, match="linked from another file"):
         bpy.ops.femors.remove_overclosure(bodies="Ball;Cup", shares="Cup=0.5")
+    other = linked.copy()
+    other.name = "Rim"
+    bpy.context.scene.collection.objects.link(other)
+    with pytest.raises(RuntimeError, match="all bodies are linked from another file"):
+        bpy.ops.femors.remove_overclosure(bodies="Cup;Rim")
 
 
 def test_a_shared_mesh_becomes_single(balls, tools):
