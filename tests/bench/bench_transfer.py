@@ -3,7 +3,8 @@
 
     OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/bench/bench_transfer.py [--docs]
 
-Prints Markdown, and writes it to bench_output/transfer.md; ``--docs`` puts it into docs/landmarks.md. Real bones are left out where they are not.
+Prints Markdown, and writes it to bench_output/transfer.md; ``--docs`` puts it into docs/landmarks.md. Real
+bones are left out where they are not.
 """
 
 from __future__ import annotations
