@@ -197,8 +197,8 @@ def shells(mesh: MeshFile) -> tuple[VolumeMesh, tuple[str, ...]]:
         corners = index.ravel()[mesh.corners].astype(np.int32)
         if len(vertices) < len(mesh.vertices):
             lost.append(
-                f"{counted(len(mesh.vertices) - len(vertices), 'vertex', 'vertices')} standing "
-                "where another stands"
+                f"{counted(len(mesh.vertices) - len(vertices), 'vertex', 'vertices')} that stood where "
+                "another stands"
             )
     elif mesh.suffix:
         lost.append("normals, colours, texture coordinates and groups, where there are any")
