@@ -141,3 +141,15 @@ def deck(tmp_path, empty):
 def core(part):
     """The core's modules by name."""
     return lambda name: part(f"femors_addon.{name}")
+
+
+@pytest.fixture()
+def balls(empty, tools):
+    """Two balls of radius 1 and 0.8 that overlap by 0.3 along x, with a third far away."""
+    from body_cases import ball
+
+    one = ball(tools, "Ball", 1.0, (0, 0, 0))
+    two = ball(tools, "Cup", 0.8, (1.5, 0.02, 0.01))
+    ball(tools, "Far", 1.0, (9, 0, 0))
+    bpy.context.view_layer.update()
+    return one, two
