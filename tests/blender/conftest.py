@@ -153,3 +153,20 @@ def balls(empty, tools):
     ball(tools, "Far", 1.0, (9, 0, 0))
     bpy.context.view_layer.update()
     return one, two
+
+
+@pytest.fixture()
+def morphed(pair, tools):
+    """The pair after a morph; on the source two landmarks, and a region with partial weights."""
+    from field_cases import put_group
+
+    source, target = pair
+    points = tools.world(source)
+    far = np.linalg.norm(points - points[100], axis=1)
+    put_group(source, "tip", {100: 1.0})
+    put_group(
+        source, "site", {int(i): float(np.clip(1.6 - far[i] / 0.5, 0, 1)) for i in np.flatnonzero(far < 0.8)}
+    )
+    put_group(source, "pole", {len(points) - 1: 1.0})
+    assert bpy.ops.femors.morph(source="Femur", target="Scan") == {"FINISHED"}
+    return source, target, bpy.data.objects["Femur morphed to Scan"]
