@@ -212,7 +212,7 @@ def require_finite(positions: NDArray[np.float64], things: str, called: Callable
     bad = ~np.isfinite(positions).all(axis=1)
     if bad.any():
         raise FemorsError(
-            f"{int(bad.sum())} of {len(bad)} {things} have coordinates that are not finite numbers "
+            f"{int(bad.sum())} of {len(bad)} {things} with coordinates that are not finite numbers "
             f"(first: {called(int(np.argmax(bad)))})"
         )
 

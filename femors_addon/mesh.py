@@ -68,7 +68,7 @@ class Surface:
         if not np.isfinite(self.vertices).all():
             bad = ~triples.every(np.isfinite(self.vertices))
             raise FemorsError(
-                f"{int(bad.sum())} of {len(bad)} vertices have coordinates that are not finite "
+                f"{int(bad.sum())} of {len(bad)} vertices with coordinates that are not finite "
                 f"(first: vertex {int(np.argmax(bad))}); repair or delete them"
             )
         if len(self.faces) and (self.faces.min() < 0 or self.faces.max() >= len(self.vertices)):

@@ -61,7 +61,7 @@ class VolumeMesh:
         if bad.any():
             first = int(self.node_ids[np.argmax(bad)])
             raise FemorsError(
-                f"{int(bad.sum())} of {len(bad)} nodes have coordinates that are not finite "
+                f"{int(bad.sum())} of {len(bad)} nodes with coordinates that are not finite "
                 f"(first: node {first})"
             )
         for block in self.blocks:

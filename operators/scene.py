@@ -226,7 +226,7 @@ def _arrays(mesh: bpy.types.Mesh, name: str) -> tuple[Array, Array, Array, Array
     bad = int((~np.isfinite(positions).all(axis=1)).sum())
     if bad:
         raise FemorsError(
-            f"'{name}': {bad} of {len(positions)} vertices have coordinates that are not finite; "
+            f"'{name}': {bad} of {len(positions)} vertices with coordinates that are not finite: "
             "repair or delete them"
         )
     return positions, sizes, corners, _triangles(mesh, sizes, corners)
