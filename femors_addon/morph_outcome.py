@@ -296,13 +296,12 @@ def verdict(
         return True, "done, as far as the weights let the source move"
     limit = edge + REACH * size
     asked, name = (99.0, "99 %") if settings.partial == "none" else (50.0, "half")
-    gaps = []
+    gaps: list[tuple[float, str, str, Float]] = []
     if settings.partial != "target":
-        gaps.append(("the result", "the target", to_target))
+        gaps.append((_percentile(to_target, asked), "the result", "the target", to_target))
     if settings.partial != "source":
-        gaps.append(("the target", "the result", from_target))
-    found = [(float(np.percentile(away, asked)) if len(away) else 0.0, *rest, away) for *rest, away in gaps]
-    gap, here, there, away = max(found, key=lambda entry: entry[0])
+        gaps.append((_percentile(from_target, asked), "the target", "the result", from_target))
+    gap, here, there, away = max(gaps, key=lambda entry: entry[0])
     gap = gap if gap > ROUNDED * size else 0.0  # rounding is nothing to report
     if gap > limit:
         share = min(100.0 * np.mean(away <= limit), asked - 0.1)
@@ -311,3 +310,7 @@ def verdict(
     if settings.partial != "none":
         return True, f"converged over the shared part: half of {here} is within {gap:.3g} of {there}"
     return True, f"converged: 99 % of each surface is within {gap:.3g} of the other"
+
+
+def _percentile(values: Float, share: float) -> float:
+    return float(np.percentile(values, share)) if len(values) else 0.0

@@ -223,8 +223,14 @@ def _as_it_ended(
     distance, off = index.closest(vertices).distance, index.closest(moved).distance
     last = ours.surface.moved(moved)
     back = SurfaceIndex(last).closest(theirs.surface.vertices)
-    known = {"target_index": index, "to_target": off, "from_target": back.distance}
-    after = compare(ours.surface, last, theirs.surface, **known)
+    after = compare(
+        ours.surface,
+        last,
+        theirs.surface,
+        target_index=index,
+        to_target=off,
+        from_target=back.distance,
+    )
     size, edge = theirs.surface.diagonal, max(last.mean_edge, theirs.surface.mean_edge)
     converged, reason = verdict(off, back.distance, result.settings, size, edge, weighted)
     aligned = transformed(result.transform, surface.vertices)

@@ -115,7 +115,11 @@ def test_what_the_result_says_is_so(pair, morphed):
     [
         ("none", 4, "not converged: 96.0 % of the result is within 1.2 of the target, where 99 % should be"),
         ("none", 1, "converged: 99 % of each surface is within"),
-        ("source", 60, "not converged: 40.0 % of the result is within 1.2 of the target, where half should be"),
+        (
+            "source",
+            60,
+            "not converged: 40.0 % of the result is within 1.2 of the target, where half should be",
+        ),
         ("source", 40, "converged over the shared part: half of the result is within 0.5 of the target"),
     ],
 )
