@@ -36,6 +36,7 @@ SLENDER, GROWTH = 10.0, 3.0  # aspect ratio, and times that of the source, beyon
 SQUEEZED = 0.1  # what a squeezed face counts beside one that is folded or crosses others
 LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away
 BACK = (2, 3, 5, 8)  # edges around a bad face that step back
+TIMES = 12  # that a way is chosen: where bones have nothing in common each takes away a little, and long
 TURNS = (0.3, 1.5)  # heights that a face on its back is given when it is turned over, beside its own
 FARTHER, LOSS = 5.0, 0.05  # mean edges, and of the size: as the last resort
 APPROACHES, HOLDS = 6, 5  # half-way steps back to the target, and times that nodes of each may be held
@@ -189,7 +190,9 @@ class _Patches:
         pairs = self_intersections(self.aligned.moved(positions))
         mean = averaging(self.aligned)
         begun, most = positions, max(int((bad >= 1.0).sum()), 1)
-        while (bad >= 1.0).any():
+        for _ in range(TIMES):
+            if not (bad >= 1.0).any():
+                break
             progress(1.0 - (bad >= 1.0).sum() / most, "stepping back from the target")
             found = self._best(begun, positions, pairs, bad, mean)
             if found is None:
