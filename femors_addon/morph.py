@@ -34,6 +34,7 @@ from .morph_outcome import Outcome, result_of
 from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
+from .outgrowths import reached
 from .poses import canonical_frame
 from .progress import FemorsError, Preview, Progress, part, silent
 from .reduce import pyramid
@@ -127,6 +128,10 @@ def morph(
         part(progress, 0.7, 0.86),
         watch.dense,
     )
+    if settings.partial == "none" and settings.projection == 1.0:
+        displacement, left, landed = reached(
+            work.reference, (displacement, left, landed), work.index, free, settings
+        )
     mending = part(progress, 0.86, 0.88)
     displacement, bad = mended(
         work.rest, work.reference, displacement, work.index, free, settings, mending, left
