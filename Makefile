@@ -6,7 +6,7 @@ VENV := .venv
 STAMP := $(VENV)/.made-by-make
 DATA := $(or $(FEMORS_DATA),../shared/data)
 BLENDER_DIR := $(or $(FEMORS_BLENDER_DIR),$(HOME)/.cache/femors/blender)
-BENCH_VENV := $(HOME)/.cache/femors/bench-venv
+BENCH_VENV := $(HOME)/.cache/femors/bench-$(shell cksum < requirements/bench.txt | cut -d' ' -f1)
 FETCH := ../shared/tools/get-blender.sh
 
 DOCS_VENV := $(HOME)/.cache/femors/docs-$(shell cksum < requirements/docs.txt | cut -d' ' -f1)
@@ -60,7 +60,7 @@ bench: setup ## figures on real bones, which need ../shared/data
 	@[ -d "$(DATA)" ] || { echo "make bench: there is no folder $(DATA) with the bones (FEMORS_DATA=... names another)"; exit 1; }
 	@$(VENV)/bin/python tests/bench/bench_morph.py
 	@$(VENV)/bin/python tests/bench/bench_overclosure.py
-	@[ -x "$(BENCH_VENV)/bin/python" ] || { python3 -m venv "$(BENCH_VENV)" && "$(BENCH_VENV)/bin/pip" install -q -r requirements/bench.txt; }
+	@requirements/make_tools.sh "$(BENCH_VENV)" requirements/bench.txt $(VENV)/bin/python
 	@$(VENV)/bin/python tests/bench/bench_peers.py --python "$(BENCH_VENV)/bin/python"
 
 bench-quick: setup ## the morph beside Blender's Shrinkwrap, growth and operation counts, within two minutes

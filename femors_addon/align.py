@@ -110,7 +110,10 @@ def _units(source: Surface, target: Surface, partial: str, fix: bool) -> tuple[f
     words = f"the source seems to be in another unit: {factor:g} times its size would fit the target"
     if fix:
         return factor, (words + ", and was applied",)
-    return None, (words + "; tick Convert units to apply it (it was not scaled)",)
+    words += (
+        "; tick Convert units to apply it (it was not scaled), or set Overlap if one is a part of the other"
+    )
+    return None, (words,)
 
 
 def _registration(

@@ -14,6 +14,7 @@ from .cutouts import normals_at
 from .mesh import Float, Int, Surface
 from .nearest import Closest
 from .progress import FemorsError, Progress, silent
+from .quality import edge_faults
 from .volume import VolumeMesh, carry_mid_nodes
 from .volume_quality import scaled_jacobians
 from .volume_shapes import reshaped
@@ -96,7 +97,7 @@ class Solid:
         cleaned = clean(shell.vertices, shell.faces, body.name)
         self.notes = cleaned.notes
         self.faces = cleaned.surface.faces
-        self.open_edges = int(cleaned.surface.border.any()) and _open_edges(cleaned.surface)
+        self.open_edges = int(cleaned.surface.border.any()) and edge_faults(cleaned.surface)[0]
         used = cleaned.vertex_map >= 0
         _, first = np.unique(cleaned.vertex_map[used], return_index=True)
         first = np.flatnonzero(used)[first]  # of each vertex of the cleaned surface
@@ -297,10 +298,3 @@ def _nodes_of(mesh: VolumeMesh, elements: Int) -> Int:
         for block, start in zip(mesh.blocks, mesh.starts[:-1].tolist(), strict=True)
     ]
     return np.concatenate([np.zeros(0, np.int32), *parts])
-
-
-def _open_edges(surface: Surface) -> int:
-    """Return how many edges have one face only."""
-    pairs = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
-    _, count = np.unique(pairs[:, 0] * len(surface.vertices) + pairs[:, 1], return_counts=True)
-    return int((count == 1).sum())

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from . import triples
 from .mesh import Float, Int, Surface
 from .orientation import oriented
-from .progress import FemorsError
+from .progress import FemorsError, counted
 
 MERGED = "merged for the maths"
 """How a note ends that is no warning: any STL file has each vertex several times."""
@@ -60,7 +60,7 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     faces = merged[raw.faces] if len(raw.faces) else raw.faces
     faces, face_map = _proper_faces(faces, raw.vertices[vertex_map], notes)
     if len(faces) < 4:
-        raise FemorsError(f"{name}: {len(faces)} usable face(s) are not a surface; at least 4 are needed")
+        raise FemorsError(f"{name}: {counted(len(faces), 'usable face')}: no surface; at least 4 are needed")
     used, compact = np.unique(faces, return_inverse=True)
     faces = compact.reshape(-1, 3).astype(np.int32)
     positions = raw.vertices[vertex_map[used]]
@@ -70,13 +70,20 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     to_clean = lookup[merged]
     shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
     if shared:
-        notes.append(f"{shared} vertices stood twice or more and were merged for the maths")
+        notes.append(
+            counted(
+                shared,
+                "vertex stood twice or more and was merged for the maths",
+                "vertices stood twice or more and were merged for the maths",
+            )
+        )
     unused = int((to_clean < 0).sum())
     if unused:
-        notes.append(f"{unused} vertices belong to no face")
+        notes.append(counted(unused, "vertex belongs to no face", "vertices belong to no face"))
     surface, turned = oriented(Surface(positions, faces))
     if turned:
-        notes.append(f"{turned} of {len(faces)} faces were wound inward and turned for the maths")
+        verb = "was" if turned == 1 else "were"
+        notes.append(f"{turned} of {len(faces)} faces {verb} wound inward and turned for the maths")
     return Cleaned(surface, to_clean, face_map, tuple(f"{name}: {note}" for note in notes))
 
 
@@ -118,9 +125,21 @@ def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, 
     first, _ = triples.unique_rows(np.sort(faces[keep], axis=1))
     kept = keep[np.sort(first)]
     if len(keep) < len(faces):
-        notes.append(f"{len(faces) - len(keep)} faces have no area and were left out of the maths")
+        notes.append(
+            counted(
+                len(faces) - len(keep),
+                "face has no area and was left out of the maths",
+                "faces have no area and were left out of the maths",
+            )
+        )
     if len(kept) < len(keep):
-        notes.append(f"{len(keep) - len(kept)} faces stand twice and were counted once")
+        notes.append(
+            counted(
+                len(keep) - len(kept),
+                "face stands twice and was counted once",
+                "faces stand twice and were counted once",
+            )
+        )
     return faces[kept], kept.astype(np.int32)
 
 

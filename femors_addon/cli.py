@@ -13,13 +13,10 @@ from .commandline import Console, Parser
 from .progress import FemorsError
 from .version import version
 
-REFUSED, DEFECT, INTERRUPTED = 2, 3, 130
+IMPERFECT, REFUSED, DEFECT, INTERRUPTED = 1, 2, 3, 130
 
 EXIT_CODES = """exit codes:
   0    done
-  1    the result is written, but the morph did not converge, or the result has flipped
-       faces or self-intersections that the source had not; or the mesh that was measured
-       has faults; the reason is on stderr
   2    bad input or usage: one line on stderr, nothing is written
   3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
   130  interrupted (Ctrl-C); the last line says if anything is written
@@ -59,7 +56,11 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
         if args.command is None:
             parser.error(f"a command is needed: {', '.join(command.name for command in COMMANDS)}")
         console = Console(args.quiet)
-        return args.command.run(args, console)
+        code = args.command.run(args, console)
+        if console.lost:
+            done = "; the result is written" if console.written else ""
+            console.warn(f"the figures could not be written to stdout ({console.lost}){done}")
+        return code or (IMPERFECT if console.lost else 0)
     except FemorsError as error:
         console.warn(str(error))
         return REFUSED
@@ -86,7 +87,7 @@ def _state(console: Console) -> str:
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = Parser(
         prog=prog,
-        description="Morph one mesh into the shape of another; push overlapping bodies apart.",
+        description="Morph meshes into the shape of others, carry landmarks, push overlapping bodies apart.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"FEMORS {version()}")
@@ -112,6 +113,13 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     return parser
 
 
+def _with_code_1(*lines: str) -> str:
+    """Return the exit codes with the one that says that something is imperfect."""
+    head, zero, *rest = EXIT_CODES.splitlines()
+    one = [f"  {'1' if not number else ' '}    {line}" for number, line in enumerate(lines)]
+    return "\n".join((head, zero, *one, *rest)) + "\n"
+
+
 COMMANDS = (
     Command(
         name="morph",
@@ -119,6 +127,10 @@ COMMANDS = (
         help="Morph SOURCE into the shape of TARGET.",
         options=cli_morph.options,
         run=cli_morph.run,
+        exit_codes=_with_code_1(
+            "the result is written, but the morph did not converge, or the result has flipped",
+            "faces or self-intersections that the source had not; the reason is on stderr",
+        ),
     ),
     Command(
         name="convert",
@@ -133,6 +145,10 @@ COMMANDS = (
         help="Measure MESH: shapes of its faces, faults, volume, and its distance from OTHER.",
         options=cli_quality.options,
         run=cli_quality.run,
+        exit_codes=_with_code_1(
+            "measured, and faces cross others, are folded over or have no area, or elements are",
+            "inverted: the reason is on stderr",
+        ),
     ),
     Command(
         name="transfer",

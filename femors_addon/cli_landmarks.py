@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 from . import cli_convert, deckfiles, files, landmarkfiles, landmarks
 from .carry import Carrier
 from .cleaning import clean
-from .cli_transfer import MARKS, REPORT, TABLE, table_of, write_all
+from .cli_transfer import REPORT, TABLE, table_of, write_all
 from .commandline import Console, add_settings, check_paths, settings_of
 from .landmarkfiles import Landmarks
 from .mesh import Surface
 from .morph import morph
 from .morph_settings import PRESETS, MorphSettings
 from .nearest import SurfaceIndex
-from .progress import FemorsError, Progress, part
+from .progress import FemorsError, Progress, counted, part
 from .report_files import check_ending, report_bytes
 from .report_transfer import landmark_rows, landmarks_of, transfer_figures
 from .transfer import Transfer
@@ -33,7 +33,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "inputs",
         metavar="TEMPLATE TARGET TEMPLATE.csv",
         nargs="+",
-        help=f"a mesh, the mesh to find the landmarks on, and those of the first ({MARKS}); "
+        help=f"a mesh, the mesh to find the landmarks on, and those of the first ({landmarkfiles.MARKS}); "
         "or TARGET alone, with --template",
     )
     parser.add_argument("-o", "--out", metavar="OUT.csv", required=True, help="the landmarks on TARGET")
@@ -200,7 +200,9 @@ def _steering(marks: Landmarks, known: Landmarks) -> dict[str, Any]:
     """Return the pairs of equal names, as arguments of `morph`."""
     names = [name for name in marks.labels if name in known.labels]
     if len(names) < 3:
-        raise FemorsError(f"--known shares {len(names)} name(s) with the template; at least 3 are needed")
+        raise FemorsError(
+            f"--known shares {counted(len(names), 'name')} with the template; at least 3 are needed"
+        )
     return {
         "source_landmarks": marks.points[[marks.labels.index(name) for name in names]],
         "target_landmarks": known.points[[known.labels.index(name) for name in names]],
@@ -223,7 +225,7 @@ def _named_inputs(args: argparse.Namespace) -> tuple[str, list[tuple[str, str]]]
     if len(given) == 1 and templates:
         return given[0], templates
     raise FemorsError(
-        f"{len(given)} files are given; 'TEMPLATE TARGET TEMPLATE.csv' are needed, "
+        f"{counted(len(given), 'file is', 'files are')} given; 'TEMPLATE TARGET TEMPLATE.csv' are needed, "
         "or TARGET alone with one --template MESH CSV or more"
     )
 

@@ -20,7 +20,7 @@ from .mesh import Float, Surface
 from .meshfiles import MeshFile
 from .morph import MorphResult, morph
 from .morph_settings import PRESETS, MorphSettings
-from .progress import FemorsError
+from .progress import FemorsError, counted
 from .report_figures import morph_figures
 from .report_files import HELP, check_ending, report_bytes
 from .report_html import Section
@@ -52,9 +52,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "--field", metavar="F.npz", help="the alignment and the displacement field, as NumPy arrays"
     )
     parser.add_argument("--source-landmarks", metavar="A.csv", help="points on SOURCE for the alignment, and")
-    parser.add_argument(
-        "--target-landmarks", metavar="B.csv", help="those on TARGET: x,y,z or name,x,y,z in each row"
-    )
+    parser.add_argument("--target-landmarks", metavar="B.csv", help=f"those on TARGET: {landmarkfiles.MARKS}")
     add_settings(parser, MorphSettings, {"alignment": "--align"})
 
 
@@ -147,7 +145,7 @@ def _write(
         if args.field is not None:
             date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             names = (Path(args.source).stem, Path(args.target).stem)
-            figures.kept(*names, date).placed(stand).save(paths[args.field])
+            paths[args.field].write_bytes(figures.kept(*names, date).placed(stand).encoded())
     mirrored = "mirrored; faces keep their corners' order, so their inner and outer sides are swapped"
     return [
         # only surfaces get here mirrored: volumes refuse
@@ -181,12 +179,17 @@ def _faults(result: MorphResult, source: Surface) -> list[str]:
     faults = [] if result.converged else [result.stop_reason]
     faults += [] if result.steering is None else result.steering.faults
     if result.after.flipped:
-        faults.append(f"{result.after.flipped} faces of the result are flipped")
+        faults.append(
+            counted(result.after.flipped, "face of the result is flipped", "faces of the result are flipped")
+        )
     after = result.after.self_intersecting
     # of the source itself: its aligned positions are rounded, and faces that touch may then cross
     before = after and len(np.unique(self_intersections(clean(source.vertices, source.faces).surface)))
     if after > before:
-        faults.append(f"{after} faces of the result cross others of it, and {before} did in the source")
+        faults.append(
+            f"{counted(after, 'face of the result crosses', 'faces of the result cross')} others "
+            f"of it, and {before} did in the source"
+        )
     return faults
 
 

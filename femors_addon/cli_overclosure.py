@@ -16,7 +16,7 @@ from .deck import Deck
 from .meshfiles import MeshFile
 from .overclosure import OverclosureResult, check_overclosure, remove_overclosure
 from .overclosure_settings import OverclosureSettings
-from .progress import FemorsError
+from .progress import FemorsError, counted
 from .report_files import HELP, check_ending, report_bytes
 from .report_html import Section
 from .report_overclosure import overclosure_figures
@@ -25,8 +25,9 @@ DONE, IMPERFECT = 0, 1
 
 EXIT_CODES = """exit codes:
   0    certified: nothing crosses, every gap holds, no element was inverted, or there was
-       nothing to do; with --check: checked, whatever was found
-  1    not reached: the best state is written, the reason is on stderr
+       nothing to do; with --check: nothing overlaps and every gap holds
+  1    not reached: the best state is written, the reason is on stderr; with --check: bodies
+       overlap or are too near
   2    bad input or usage: one line on stderr, nothing is written
   3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
   130  interrupted (Ctrl-C); the last line says if anything is written
@@ -72,7 +73,9 @@ def options(parser: argparse.ArgumentParser) -> None:
         help="a gap of its own for one pair; may be repeated",
     )
     parser.add_argument(
-        "--check", action="store_true", help="only say which bodies overlap, how deep and where; move nothing"
+        "--check",
+        action="store_true",
+        help="only say which bodies overlap, how deep and where (then exit code 1); move nothing",
     )
     parser.add_argument("--report", metavar="R", help="pairs, bodies, " + HELP)
     add_settings(parser, OverclosureSettings, {})
@@ -123,8 +126,11 @@ def _check(
         console.warn(f"note: {note}")
     for finding in found:
         console.say(str(finding))
-    if all(finding.clear for finding in found):
-        console.say(f"no overclosure among {len(bodies)} bodies")
+    bad = sum(not finding.clear for finding in found)
+    if bad:
+        console.warn(counted(bad, "pair overlaps or is too near", "pairs overlap or are too near"))
+        return IMPERFECT
+    console.say(f"no overclosure among {len(bodies)} bodies")
     return DONE
 
 
@@ -152,8 +158,7 @@ def _write(
         notes += [*getattr(source.thing, "notes", ()), *parts.notes]
     report = [] if args.report is None else [Path(args.report)]
     check_paths(_inputs(sources), [*written, *report])
-    Path(args.out).mkdir(parents=True, exist_ok=True)
-    with files.replacing(*written, *report) as new:
+    with files.folder_for(args.out), files.replacing(*written, *report) as new:
         for temporary, data in zip(
             new,
             [*written.values(), *(_report(args, version, bodies, exclude, result) for _ in report)],
@@ -208,6 +213,7 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
         raise FemorsError(f"{folder}: is a file; -o takes a folder")
     paths = [folder / Path(path).name for path in args.sources]
     check_paths(args.sources, paths)
+    files.check_folder(folder)
     if folder.exists():
         files.check_writable(*paths)
     return paths

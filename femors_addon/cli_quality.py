@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 
 from . import cli_convert, deckfiles, files
 from .commandline import Console, check_paths
 from .deck import Deck
 from .examine import WORST_ASPECT, Examination, examine
-from .progress import FemorsError
+from .progress import FemorsError, counted
 from .report_figures import mesh_figures
-from .report_files import HELP, check_ending, report_bytes
+from .report_files import FORMATS, check_ending, report_bytes
 from .version import version
 from .volume_quality import VolumeQuality
 
@@ -32,7 +33,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         metavar="FLOAT",
         help=f"faces with a larger aspect ratio count as slender (default {WORST_ASPECT:g})",
     )
-    parser.add_argument("--report", metavar="R", help=HELP)
+    parser.add_argument("--report", metavar="R", help=f"every figure: {FORMATS}")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -59,11 +60,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     try:
         found = examine(surface, other, elements, args.worst_aspect, console.progress)
     except FemorsError as error:
-        text = str(error)
-        for role, path in (("mesh: ", args.source), ("other mesh: ", args.other)):
-            text = f"{path}: {text.removeprefix(role)}" if text.startswith(role) else text
-        raise FemorsError(text) from None
+        raise FemorsError(_with_file(str(error), args)) from None
     console.end_progress()
+    found = dataclasses.replace(found, notes=tuple(_with_file(note, args) for note in found.notes))
     faults = faults_of(found)
     report = {"femors": version(), "files": {"mesh": args.source, "other": args.other}, "faults": faults}
     report |= {f"{k}_counted" if k == "faults" else k: v for k, v in found.as_dict().items()}
@@ -81,12 +80,21 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 1 if faults else 0
 
 
+def _with_file(text: str, args: argparse.Namespace) -> str:
+    """Name the file in a message of the core about the "mesh" or the "other mesh"."""
+    for role, path in (("mesh: ", args.source), ("other mesh: ", args.other)):
+        if text.startswith(role):
+            return f"{path}: {text.removeprefix(role)}"
+    return text
+
+
 def faults_of(found: Examination) -> list[str]:
     """Return what is wrong with a mesh, in words."""
+    inverted = 0 if found.elements is None else found.elements.inverted
     counts = {
-        "faces cross others": len(found.self_intersecting),
-        "faces are folded over": len(found.folded),
-        "faces have no area": len(found.degenerate),
-        "elements are inverted": found.elements.inverted if found.elements is not None else 0,
+        ("face crosses others", "faces cross others"): len(found.self_intersecting),
+        ("face is folded over", "faces are folded over"): len(found.folded),
+        ("face has no area", "faces have no area"): len(found.degenerate),
+        ("element is inverted", "elements are inverted"): inverted,
     }
-    return [f"{count} {words}" for words, count in counts.items() if count]
+    return [counted(count, *words) for words, count in counts.items() if count]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -37,7 +38,6 @@ EXIT_CODES = """exit codes:
 """
 TABLE = "the landmarks with distance, residual, stretch, projection and spread, as CSV"
 REPORT = "each landmark and file before and after, and " + HELP
-MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +47,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "inputs",
         metavar="INPUT",
         nargs="+",
-        help=f"meshes and decks ({cli_convert.KINDS}); landmarks: {MARKS}",
+        help=f"meshes and decks ({cli_convert.KINDS}); landmarks: {landmarkfiles.MARKS}",
     )
     parser.add_argument(
         "-o", "--out", metavar="OUTDIR", required=True, help="a folder; outputs keep the inputs' names"
@@ -87,7 +87,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         check_ending(args.report)
     if os.path.exists(args.out) and not os.path.isdir(args.out):
         raise FemorsError(f"{args.out}: is a file; a folder is needed")
-    files.check_writable(*others)
+    files.check_folder(args.out)
+    fresh = not os.path.exists(args.out)  # it is made with the rest
+    files.check_writable(*(path for path in others if not (fresh and Path(path).parent == Path(args.out))))
     carrier = Carrier(keptfield.load(args.field))
     transfer = Transfer(carrier, settings, _surface(args.project, args.project_part))
     done = []
@@ -219,21 +221,10 @@ def _surface(path: str | None, name: str | None) -> Surface | None:
 
 def write_all(data: Mapping[Path, bytes], folder: str | None = None) -> None:
     """Write all files or none; a folder that was made for them goes again where they cannot be."""
-    made = folder is not None and not os.path.isdir(folder)
-    if made:
-        try:
-            os.makedirs(str(folder))
-        except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise FemorsError(f"{folder}: cannot be made ({reason})") from None
-    try:
-        with files.replacing(*data) as new:
-            for path, content in zip(new, data.values(), strict=True):
-                path.write_bytes(content)
-    except BaseException:
-        if made:
-            os.rmdir(str(folder))
-        raise
+    place = contextlib.nullcontext() if folder is None else files.folder_for(folder)
+    with place, files.replacing(*data) as new:
+        for path, content in zip(new, data.values(), strict=True):
+            path.write_bytes(content)
 
 
 def table_of(tables: Sequence[landmarks.Prediction]) -> bytes:

@@ -79,13 +79,11 @@ def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[st
     settings a second, shorter option.
     """
     kinds = typing.get_type_hints(cls)
-    main = parser.add_argument_group("settings")
-    advanced = parser.add_argument_group("advanced", "for special cases; the defaults need no tuning")
     for name, (field, spec) in specs(cls).items():
         flags = [f"--{name.replace('_', '-')}"]
         if name in aliases:
             flags.insert(0, aliases[name])
-        group = advanced if spec.advanced else main
+        group = _group(parser, spec.advanced)
         options: dict[str, Any] = {"help": _help(spec, field.default)}
         if spec.choices:
             options |= {"choices": [choice[0] for choice in spec.choices], "metavar": "KIND"}
@@ -94,6 +92,14 @@ def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[st
         else:
             options |= {"type": kinds[name], "metavar": kinds[name].__name__.upper()}
         group.add_argument(*flags, dest=_destination(name), default=argparse.SUPPRESS, **options)
+
+
+def _group(parser: argparse.ArgumentParser, advanced: bool) -> argparse._ArgumentGroup:
+    """Return the group of options that a setting belongs to; made for the first one that does."""
+    title = "advanced" if advanced else "settings"
+    words = "for special cases; the defaults need no tuning" if advanced else None
+    made = next((group for group in parser._action_groups if group.title == title), None)
+    return made or parser.add_argument_group(title, words)
 
 
 def settings_of(args: argparse.Namespace, base: Settings) -> Settings:
@@ -149,6 +155,7 @@ def _same(one: str, two: str) -> bool:
 
 TICKS = {
     "tick Convert units": "pass --fix-units",
+    "set Overlap": "pass --partial source (or target)",
     "tick Mirror if better": "pass --fix-mirror",
     "go the other way (inverse)": "go the other way (pass --inverse)",
     "go the other way (without inverse)": "go the other way (leave out --inverse)",
@@ -171,6 +178,9 @@ class Console:
     ----------
     written : bool
         Whether the results are in their files.
+    lost : str
+        Why some of what belongs on stdout is not there, such as a disk that is full; "" where it is. A reader
+        that has gone away has read enough.
     """
 
     def __init__(self, quiet: bool = False, out: TextIO | None = None, err: TextIO | None = None) -> None:
@@ -178,6 +188,7 @@ class Console:
         self.written = False
         self.out = out or sys.stdout or io.StringIO()  # None where the process was started without
         self.err = err or sys.stderr or io.StringIO()
+        self.lost = ""
         self._line = ""  # what stands on the terminal's last line
         self._shown = (0, time.monotonic())  # the tenth of the work, and when it was written
 
@@ -196,50 +207,51 @@ class Console:
         if self.err.isatty():
             line = line[: shutil.get_terminal_size().columns - 1]  # a line that wraps cannot be rewritten
             if line != self._line:
-                _write(self.err, "\r" + line.ljust(len(self._line)))
+                self._put(self.err, "\r" + line.ljust(len(self._line)))
                 self._line = line
         elif tenth > self._shown[0] and now - self._shown[1] >= 1.0:
-            _write(self.err, line + "\n")
+            self._put(self.err, line + "\n")
             self._shown = (tenth, now)
 
     def end_progress(self) -> None:
         """Leave the terminal's line of progress, so that what follows starts on its own."""
         if self._line:
-            _write(self.err, "\r" + " " * len(self._line) + "\r")
+            self._put(self.err, "\r" + " " * len(self._line) + "\r")
             self._line = ""
 
     def say(self, text: str) -> None:
         """Write a result, unless told to be quiet."""
         if not self.quiet:
-            _write(self.out, text + "\n")
+            self._put(self.out, text + "\n")
 
     def warn(self, text: str) -> None:
         """Write one line of warning or complaint, quiet or not."""
         self.end_progress()
-        _write(self.err, f"femors: {for_command(' '.join(text.split()))}\n")
+        self._put(self.err, f"femors: {for_command(' '.join(text.split()))}\n")
 
     def warn_of_defect(self, text: str) -> None:
         """Write the traceback of the exception that is being handled, and one line below it."""
         self.end_progress()
-        _write(self.err, traceback.format_exc())
+        self._put(self.err, traceback.format_exc())
         self.warn(text)
 
     def close(self) -> None:
         """End the line of progress, and hand over what others have printed (argparse, traceback)."""
         self.end_progress()
         for stream in (self.out, self.err):
-            _write(stream, "")
+            self._put(stream, "")
 
-
-def _write(stream: TextIO, text: str) -> None:
-    """Write and flush; where the reader has gone, lead what follows into nothing."""
-    try:
-        stream.write(text)
-        stream.flush()
-    except BrokenPipeError:
-        # Python flushes once more when it ends, and would complain and change the exit code
-        with contextlib.suppress(OSError, ValueError):  # a stream without a file behind it
-            descriptor = stream.fileno()
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, descriptor)
-            os.close(null)
+    def _put(self, stream: TextIO, text: str) -> None:
+        """Write and flush; where that cannot be, lead what follows into nothing: the work goes on."""
+        try:
+            stream.write(text)
+            stream.flush()
+        except OSError as error:
+            if stream is self.out and not isinstance(error, BrokenPipeError):
+                self.lost = (error.strerror or str(error)).lower()
+            # Python flushes once more when it ends, and would complain and change the exit code
+            with contextlib.suppress(OSError, ValueError):  # a stream without a file behind it
+                descriptor = stream.fileno()
+                null = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(null, descriptor)
+                os.close(null)

@@ -14,7 +14,7 @@ from .deck import ALL, Deck, Part
 from .mesh import Float, Surface
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
-from .progress import FemorsError, Preview, Progress, silent
+from .progress import FemorsError, Preview, Progress, counted, silent
 from .transforms import transformed
 from .volume import carry_mid_nodes
 from .volume_morph import VolumeMorphResult, at_nodes, morph_volume
@@ -102,6 +102,7 @@ def _refuse_torn(deck: Deck, part: Part, coordinates: Float) -> None:
     torn = np.flatnonzero(valid & (scaled_jacobians(deck.mesh.moved(coordinates)) <= 0))
     if len(torn):
         raise FemorsError(
-            f"{len(torn)} elements outside '{part.name}' share nodes with it and would be inverted (first: "
+            f"{counted(len(torn), 'element')} outside '{part.name}' would be inverted, by nodes "
+            "shared with it (first: "
             f"element {int(deck.mesh.element_ids[torn[0]])}); morph a set that holds them, or --part {ALL}"
         )

@@ -14,7 +14,7 @@ from .deck import Deck, Load, Part
 from .files import Location, check_no_folder, read_bytes
 from .mesh import Int
 from .meshfiles import MeshFile
-from .progress import FemorsError
+from .progress import FemorsError, counted
 from .volume import Block, VolumeMesh
 
 
@@ -179,7 +179,8 @@ def _polygons(mesh: VolumeMesh) -> MeshFile:
 
 def _beyond_surface(mesh: VolumeMesh) -> list[str]:
     inner = len(mesh.nodes) - len(mesh.boundary.nodes)
-    lost = [f"{inner} nodes that are no corners of the surface"] if inner else []
+    words = "node that is no corner of the surface", "nodes that are no corners of the surface"
+    lost = [counted(inner, *words)] if inner else []
     return [
         *lost,
         "the numbers of nodes and elements",
@@ -195,7 +196,10 @@ def shells(mesh: MeshFile) -> tuple[VolumeMesh, tuple[str, ...]]:
         vertices, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
         corners = index.ravel()[mesh.corners].astype(np.int32)
         if len(vertices) < len(mesh.vertices):
-            lost.append(f"{len(mesh.vertices) - len(vertices)} vertices that stood where another stands")
+            lost.append(
+                f"{counted(len(mesh.vertices) - len(vertices), 'vertex', 'vertices')} that stood where "
+                "another stands"
+            )
     elif mesh.suffix:
         lost.append("normals, colours, texture coordinates and groups, where there are any")
     ends = np.cumsum(mesh.sizes)
@@ -208,7 +212,10 @@ def shells(mesh: MeshFile) -> tuple[VolumeMesh, tuple[str, ...]]:
             count += len(mine)
     other = int(((mesh.sizes < 3) | (mesh.sizes > 4)).sum())
     if other:
-        raise FemorsError(f"{other} polygons have neither three nor four corners; triangulate them first")
+        raise FemorsError(
+            f"{counted(other, 'polygon has', 'polygons have')} neither three nor four corners; "
+            "triangulate first"
+        )
     return VolumeMesh(vertices, tuple(blocks), np.arange(1, len(vertices) + 1)), tuple(lost)
 
 

@@ -20,6 +20,7 @@ from .quality import (
     aspect_ratio,
     degenerate,
     dihedral_angles,
+    edge_faults,
     flipped_faces,
     folded_faces,
     nearest_vertex_distance,
@@ -71,8 +72,10 @@ class Examination:
 
     Attributes
     ----------
-    vertices, faces, pieces, open_edges : int
+    vertices, faces, pieces : int
         Vertices are merged where they stand twice; faces are triangles; pieces are connected by edges.
+    open_edges, nonmanifold_edges : int
+        With one face only; with three or more.
     given_vertices : int
         As they stand in the file: every triangle of an STL brings three.
     size : float
@@ -96,6 +99,7 @@ class Examination:
     faces: int
     pieces: int
     open_edges: int
+    nonmanifold_edges: int
     size: float
     area: float
     volume: float | None
@@ -134,6 +138,7 @@ class Examination:
                 "faces": self.faces,
                 "pieces": self.pieces,
                 "open_edges": self.open_edges,
+                "nonmanifold_edges": self.nonmanifold_edges,
                 "size": self.size,
                 "area": self.area,
                 "volume": self.volume,
@@ -157,7 +162,7 @@ class Examination:
         rows = [
             ("vertices, faces, pieces", f"{self.vertices}, {self.faces}, {self.pieces}"),
             *([("vertices before merging", str(self.given_vertices))] if merged else []),
-            ("open edges", str(self.open_edges)),
+            ("open, non-manifold edges", f"{self.open_edges}, {self.nonmanifold_edges}"),
             ("area, volume", f"{self.area:.6g}, {volume}"),
             *((name.replace("_", " "), str(getattr(self, name))) for name in ("edge", "aspect", "skewness")),
             ("dihedral angle, degrees", str(self.dihedral)),
@@ -227,6 +232,7 @@ def examine(
     progress(0.35, "shapes of faces")
     aspect = aspect_ratio(mesh)
     a, b = (mesh.vertices[mesh.edges[:, k]] for k in (0, 1))
+    border, crowded = edge_faults(mesh)
     against = None
     if other is not None:
         against = _against(surface, ours, other, part(progress, 0.4, 1.0))
@@ -236,7 +242,8 @@ def examine(
         given_vertices=len(surface.vertices),
         faces=len(surface.faces),
         pieces=int(mesh.components.max()) + 1,
-        open_edges=len(mesh.edges) - len(mesh.edge_faces[0]),
+        open_edges=border,
+        nonmanifold_edges=crowded,
         size=mesh.diagonal,
         area=float(mesh.face_areas.sum()),
         volume=None if mesh.border.any() else float(mesh.volume),

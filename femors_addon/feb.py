@@ -24,7 +24,7 @@ from .files import read_bytes, shown
 from .ids import Lookup
 from .inp_table import parsed
 from .mesh import Float, Int
-from .progress import FemorsError
+from .progress import FemorsError, counted
 from .volume import Block, VolumeMesh
 from .volume_faces import Ids
 
@@ -184,7 +184,7 @@ def _node_ids(data: bytes, group: Group, size: int) -> Ids:
     for row in group.rows:
         out.append(_listed(data, row, "node"))
         if len(out[-1]) != size:
-            text = f"element {row.id} has {len(out[-1])} nodes, and {group.type} needs {size}"
+            text = f"element {row.id} has {counted(len(out[-1]), 'node')}, and {group.type} needs {size}"
             raise _error(data, row, text)
     return np.array(out)
 

@@ -79,11 +79,42 @@ def replacing(*paths: Location) -> Iterator[list[Path]]:
             os.replace(new, os.path.realpath(at))
     except OSError as error:
         named = {os.fspath(new): path for new, path in zip(temporary, paths, strict=True)}
+        if error.filename is None:  # while it was written: the last that was begun
+            begun = [path for new, path in zip(temporary, paths, strict=True) if new.exists()]
+            at = begun[-1] if begun else at
         raise _not_written(named.get(str(error.filename), at), error) from None
     finally:
         for new in temporary:
             with contextlib.suppress(OSError):  # moved into place, or never written
                 new.unlink()
+
+
+def check_folder(folder: Location) -> None:
+    """Raise `FemorsError` unless a folder is there or can be made: before a long computation."""
+    if "\0" in os.fspath(folder):
+        raise FemorsError(f"{os.fspath(folder)!r}: is not a file name")
+    there = Path(os.path.realpath(folder))
+    while not there.exists():
+        there = there.parent
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        raise FemorsError(f"{folder}: cannot be made, for {there} is no folder that can be written to")
+
+
+@contextlib.contextmanager
+def folder_for(folder: Location) -> Iterator[None]:
+    """Make a folder, unless it is there, for files that the body writes; it goes again where they fail."""
+    fresh = not os.path.isdir(folder)
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        raise FemorsError(f"{folder}: cannot be made ({_reason(error)})") from None
+    try:
+        yield
+    except BaseException:
+        if fresh:
+            with contextlib.suppress(OSError):  # something else stands in it by now
+                os.rmdir(folder)
+        raise
 
 
 def write_bytes(path: Location, data: bytes) -> None:

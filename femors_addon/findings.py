@@ -6,6 +6,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from .progress import counted
+
 CLEAR, NEAR, OVERLAP, CONTAINED = "clear", "too near", "overlap", "contained"
 
 
@@ -68,11 +70,11 @@ class Finding:
     def __str__(self) -> str:
         if self.state == CLEAR:
             return f"{self.one} - {self.two}: clear, {self.least:.4g} apart"
-        words = [f"{self.over[0] + self.over[1]} nodes closer than {self.gap:g}"]
+        words = [f"{counted(self.over[0] + self.over[1], 'node')} closer than {self.gap:g}"]
         if self.depth > 0:
             words.insert(0, f"{self.depth:.4g} deep")
         if self.crossings:
-            words.append(f"{self.crossings} crossing pairs of triangles")
+            words.append(counted(self.crossings, "crossing pair of triangles", "crossing pairs of triangles"))
         if self.shared:
             words.append(f"shared volume {self.shared:.4g}")
         if self.contained:

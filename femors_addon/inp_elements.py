@@ -16,6 +16,7 @@ from .inp_scopes import Scopes
 from .inp_syntax import Keyword, Source
 from .inp_table import Table, table
 from .mesh import Int
+from .progress import counted
 from .volume_faces import Block, Ids
 
 FULL_LINE = 16  # values on a data line that the next one may continue without a comma between them
@@ -131,7 +132,7 @@ def _check(word: Keyword, read: Table, end: NDArray[np.int64], width: int, sourc
     start = int(np.searchsorted(end, first, side="right"))
     raise sources[read.files[start]].error(
         int(read.offsets[start]),
-        f"element {read.values[first]} has {end[line] - first - 1} nodes, "
+        f"element {read.values[first]} has {counted(end[line] - first - 1, 'node')}, "
         f"and {word.parameters['TYPE'].upper()} needs {width - 1}",
     )
 

@@ -12,7 +12,7 @@ from .ids import Lookup
 from .inp_syntax import Keyword, Source
 from .inp_table import Table, table
 from .mesh import Float, Int
-from .progress import FemorsError
+from .progress import FemorsError, counted
 from .volume_faces import Ids
 
 MAKERS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY")
@@ -104,7 +104,9 @@ def read_nodes(words: list[Keyword], sources: list[Source]) -> Nodes:
         places.refuse_twins(out.lookups[scope], "node", sources)
     short = sum(int((read.counts < min(read.counts.max(initial=0), 4)).sum()) for read in tables)
     if short:
-        out.notes.append(f"{short} nodes have fewer coordinates than others; what is missing is 0")
+        out.notes.append(
+            f"{counted(short, 'node has', 'nodes have')} fewer coordinates than others; what is missing is 0"
+        )
     if (counts > 4).any():
         out.notes.append("normals on the lines of nodes stay as they are")
     return out
@@ -149,7 +151,7 @@ def _check(rows: Float, counts: NDArray[np.int64], places: Places, sources: list
         return
     first = int(np.argmax(wrong))
     if bad_count[first]:
-        text = f"a node's id and its coordinates x, y, z were expected, not {counts[first]} value(s)"
+        text = f"a node's id and its coordinates x, y, z were expected, not {counted(counts[first], 'value')}"
     elif bad_id[first]:
         text = f"a node's id was expected, a whole number from 1, not {ids[first]:.17g}"
     else:

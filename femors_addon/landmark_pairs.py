@@ -11,7 +11,7 @@ import numpy as np
 
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
-from .progress import FemorsError, listed
+from .progress import FemorsError, counted, listed
 from .transforms import landmark_transform, transformed
 
 WRONG = 0.05  # of the size: error of a pair beside the others from which on it may be a wrong one
@@ -46,7 +46,9 @@ class Pairs:
         if len(source) != len(target):
             raise FemorsError(f"landmarks must be paired: source has {len(source)}, target has {len(target)}")
         if names is not None and len(names) != len(source):
-            raise FemorsError(f"{len(names)} names are given for {len(source)} landmarks")
+            raise FemorsError(
+                f"{counted(len(names), 'name is', 'names are')} given for {counted(len(source), 'landmark')}"
+            )
         called = tuple(names) if names is not None else tuple(str(n) for n in range(1, len(source) + 1))
         if len(source) < 3:
             raise FemorsError(f"alignment needs at least 3 paired landmarks, not {len(source)}")

@@ -13,7 +13,7 @@ import numpy as np
 
 from .files import shown
 from .mesh import Float
-from .progress import FemorsError
+from .progress import FemorsError, counted
 
 Row = tuple[int, list[str]]
 DELIMITERS = (",", ";", "\t")
@@ -160,7 +160,9 @@ def _columns(header: list[str], rows: Sequence[Row]) -> tuple[list[int], int | N
         return columns, next(iter([*named, *words]), None)
     number, cells = rows[0]
     if len(cells) not in (3, 4):
-        raise FemorsError(f"line {number}: 'x, y, z' or 'name, x, y, z' is needed, not {len(cells)} values")
+        raise FemorsError(
+            f"line {number}: 'x, y, z' or 'name, x, y, z' is needed, not {counted(len(cells), 'value')}"
+        )
     return ([0, 1, 2], None) if len(cells) == 3 else ([1, 2, 3], 0)
 
 
@@ -168,7 +170,9 @@ def _point(row: Row, columns: list[int], name: int | None) -> list[float]:
     number, cells = row
     needed = 1 + max([*columns, name or 0])
     if len(cells) < needed:
-        raise FemorsError(f"line {number}: {needed} values are needed, not {len(cells)}")
+        raise FemorsError(
+            f"line {number}: {counted(needed, 'value is', 'values are')} needed, not {len(cells)}"
+        )
     wrong = next((cells[c] for c in columns if not _is_number(cells[c])), None)
     if wrong is not None:
         raise FemorsError(f"line {number}: '{shown(wrong.encode())}' is not a number")

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import landmarkcsv, markups
-from .files import Location, read_bytes, shown
+from .files import Location, check_no_folder, read_bytes, shown
 from .mesh import Float, frozen
-from .progress import FemorsError, listed
+from .progress import FemorsError, counted, listed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +29,8 @@ FORMATS = {
     ".fcsv": _Kind(markups.parse_fcsv, markups.build_fcsv),
     ".csv": _Kind(landmarkcsv.parse, landmarkcsv.build),
 }
+MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
+"""The files of landmarks, for the help of the command line."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,6 +79,7 @@ def ending_of(path: Location) -> str:
     """Return the ending of a landmark file; raise `FemorsError` where it is no known one."""
     ending = _ending(path)
     if ending not in FORMATS:
+        check_no_folder(path)
         raise FemorsError(f"{path}: is no kind of landmark file; use {', '.join(FORMATS)}")
     return ending
 
@@ -162,5 +165,5 @@ def paired(source: Landmarks, target: Landmarks) -> tuple[Float, Float]:
             f"{len(source.points)} source landmarks and {len(target.points)} target landmarks are not pairs"
         )
     if len(source.points) < 3:
-        raise FemorsError(f"{len(source.points)} pair(s) of landmarks; at least 3 are needed")
+        raise FemorsError(f"{counted(len(source.points), 'pair')} of landmarks; at least 3 are needed")
     return source.points, target.points

@@ -10,7 +10,7 @@ import numpy as np
 
 from .carry import Carrier
 from .mesh import Float
-from .progress import FemorsError, listed
+from .progress import FemorsError, counted, listed
 
 FAR = 0.03  # of the source's size: a landmark farther from its surface is spoken of
 MOST = 5  # names in a sentence
@@ -100,7 +100,7 @@ def far_ones(names: Sequence[str], distance: Float, size: float) -> list[str]:
         return []
     rows = rows[np.argsort(-np.abs(distance[rows]), kind="stable")]
     those = listed((f"'{names[row]}' ({abs(distance[row]):.3g})" for row in rows), MOST)
-    words = "1 landmark is" if len(rows) == 1 else f"{len(rows)} landmarks are"
+    words = counted(len(rows), "landmark is", "landmarks are")
     return [f"{words} off the source's surface and the less certain: {those}"]
 
 
@@ -140,6 +140,6 @@ def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]
     fewer = [name for name, count in zip(names, counts, strict=True) if count < len(predictions)]
     if fewer:
         those = listed((f"'{name}'" for name in fewer), MOST)
-        words = "1 landmark is" if len(fewer) == 1 else f"{len(fewer)} landmarks are"
+        words = counted(len(fewer), "landmark is", "landmarks are")
         notes.append(f"{words} not in every template: {those}")
     return Prediction(names, points, spread=spread, templates=counts, before=first, **medians), notes

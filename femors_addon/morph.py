@@ -108,7 +108,7 @@ def morph(
     if factor is not None:  # no deformation makes a bone of a thousandth of one
         raise FemorsError(
             f"the source seems to be in another unit: {factor:g} times its size would fit the target; "
-            "tick Convert units to have it scaled"
+            "tick Convert units to have it scaled, or set Overlap if one is a part of the other"
         )
     pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
     work = _Work.begun(ours.surface, theirs.surface, settings, pairs, progress)

@@ -22,7 +22,7 @@ from .mesh import Float, Surface
 from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
-from .progress import Progress
+from .progress import Progress, counted
 from .quality import Comparison, compare, flipped_faces
 from .transforms import transformed
 
@@ -222,9 +222,18 @@ def _warnings(settings: MorphSettings, size: float, bad: int, crossed: int) -> l
         words = f"the first spread, {settings.spread_start:g}, is large beside the target's size, {size:.3g}"
         out.append(f"{words}: lengths of the preset are in mm")
     if bad:
-        out.append(f"{bad} faces fold over or cross others, though they did not in the source")
+        out.append(
+            counted(
+                bad,
+                "face folds over or crosses others, though it did not in the source",
+                "faces fold over or cross others, though they did not in the source",
+            )
+        )
     elif crossed > 0:
-        out.append(f"{crossed} more faces cross others: pieces that were carried along run into the rest")
+        out.append(
+            f"{counted(crossed, 'more face crosses', 'more faces cross')} others: "
+            "pieces that were carried along run into the rest"
+        )
     return out
 
 

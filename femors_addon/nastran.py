@@ -100,12 +100,13 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     source = Source(0, path, load(path))
     if b"\0" in source.data:
         raise FemorsError(f"{path}: is not a Nastran file but binary")
-    cards = cards_of(source, {"GRID", "INCLUDE", *CARDS})
+    cards = cards_of(source, {"GRID", "GRDSET", "INCLUDE", *CARDS})
     grids = [card for card in cards if card.name == "GRID"]
     if not grids:
         raise FemorsError(f"{path}: has no nodes (GRID cards)")
     ids = np.array([whole(source, card, 0, "a node's id") for card in grids], np.int64)
-    positions = np.array([_position(source, card) for card in grids])
+    preset = next((card.field(1).strip() for card in cards if card.name == "GRDSET"), "")
+    positions = np.array([_position(source, card, preset) for card in grids])
     lookup = Lookup(ids, 0)
     _refuse_twins(source, grids, lookup, "node")
     members = [card for card in cards if card.name in CARDS]
@@ -125,12 +126,13 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     )
 
 
-def _position(source: Source, card: Card) -> list[float]:
-    """The coordinates of a GRID card; only the basic system is read."""
-    if card.field(1) not in ("", "0"):
+def _position(source: Source, card: Card, preset: str) -> list[float]:
+    """The coordinates of a GRID card; only the basic system is read, and `preset` is GRDSET's."""
+    own = card.field(1)
+    if (own or preset) not in ("", "0"):
+        where = f"{own[:20]}" if own else f"{preset[:20]} (by the GRDSET card)"
         raise source.error(
-            card.start,
-            f"node {card.field(0)} is in coordinate system {card.field(1)[:20]}; use the basic one",
+            card.start, f"node {card.field(0)} is in coordinate system {where}; use the basic one"
         )
     return [real(source, card, index) for index in (2, 3, 4)]
 

@@ -18,6 +18,7 @@ from .findings import CONTAINED, NEAR, Finding
 from .intersect import crossings
 from .overclosure_figures import BodyResult, figures_of
 from .overclosure_settings import OverclosureSettings
+from .progress import counted
 
 if TYPE_CHECKING:
     from .effort import Effort
@@ -124,7 +125,7 @@ class OverclosureResult:
         return "\n".join(
             [
                 *lines,
-                f"{self.certificate} ({method}, {len(self.history)} iterations, "
+                f"{self.certificate} ({method}, {counted(len(self.history), 'iteration')}, "
                 f"{self.solve_seconds:.1f} s of CPU time, {self.seconds:.1f} s with all figures)",
             ]
         )
@@ -149,7 +150,8 @@ def result_of(
         if not finding.clear
     ]
     reasons += [
-        f"'{body.name}': {len(body.inverted_new)} elements inverted (first: {int(body.inverted_new[0])})"
+        f"'{body.name}': {counted(len(body.inverted_new), 'element')} inverted (first: "
+        f"{int(body.inverted_new[0])})"
         for body in bodies
         if len(body.inverted_new)
     ]
@@ -177,7 +179,7 @@ def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding],
         return f"{where}: {inner}; move it out or exclude the pair"
     if one.share == two.share == 0:
         return f"{where}: both are rigid and {finding.depth:.4g} deep; let one deform or exclude the pair"
-    left = f"{finding.depth:.4g} deep, {finding.crossings} pairs of triangles cross"
+    left = f"{finding.depth:.4g} deep, {counted(finding.crossings, 'pair')} of triangles crossing"
     if finding.state == NEAR:
         left = f"{finding.least:.4g} apart where {finding.gap:g} is asked for"
     for body, other in ((one, two), (two, one)):
@@ -210,7 +212,7 @@ def _sheets(finding: Finding, solids: Sequence[Solid]) -> str:
 
 def _folds(bodies: Sequence[BodyResult]) -> list[str]:
     return [
-        f"{body.name}: {body.folded} faces cross others of the same body since"
+        f"{body.name}: {counted(body.folded, 'face crosses', 'faces cross')} others of the same body since"
         for body in bodies
         if body.folded
     ]
@@ -236,8 +238,8 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
     for solid in solids:
         if solid.open_edges:
             notes.append(
-                f"{solid.name}: the surface is open ({solid.open_edges} border edges); its normals tell "
-                "which side is inside, and bodies wholly inside it are not found"
+                f"{solid.name}: the surface is open ({counted(solid.open_edges, 'border edge')}); "
+                "its normals tell which side is inside, and bodies wholly inside it are not found"
             )
         if len(solid.inverted_input):
             notes.append(
@@ -247,8 +249,8 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
         crossed = _crossed(solid, solids, before)
         if crossed:
             notes.append(
-                f"{solid.name}: {crossed} faces near the overclosure crossed others of the same body before; "
-                "which side is inside is uncertain there"
+                f"{solid.name}: {counted(crossed, 'face')} near the overclosure crossed others of "
+                "the same body before; which side is inside is uncertain there"
             )
     sizes = sorted((solid.begun_surface.diagonal, solid.name) for solid in solids)
     if sizes[0][0] * UNLIKE < sizes[-1][0]:

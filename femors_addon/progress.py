@@ -32,6 +32,11 @@ def listed(names: Iterable[str], most: int = 6) -> str:
     return ", ".join(every[:most]) + (", ..." if len(every) > most else "")
 
 
+def counted(count: int, one: str, many: str = "") -> str:
+    """Return so many things in words: "1 face", "2 faces"; `many` where it is not `one` with an s."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
 def silent(fraction: float, text: str) -> None:
     """Report to nobody and never cancel."""
 

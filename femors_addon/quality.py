@@ -28,6 +28,7 @@ __all__ = [
     "crossings",
     "degenerate",
     "dihedral_angles",
+    "edge_faults",
     "flipped_faces",
     "folded_faces",
     "nearest_vertex_distance",
@@ -129,6 +130,13 @@ def dihedral_angles(surface: Surface) -> Float:
 def degenerate(surface: Surface) -> np.ndarray:
     """True (m,) for the faces without area: height below 1e-12 of the longest side."""
     return ~(2.0 * surface.face_areas > 1e-12 * _squared_sides(surface).max(axis=1, initial=0.0))
+
+
+def edge_faults(surface: Surface) -> tuple[int, int]:
+    """Return how many edges have one face only (open), and how many three or more (not manifold)."""
+    sides = surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
+    _, count = np.unique(np.sort(sides, axis=1) @ [len(surface.vertices), 1], return_counts=True)
+    return int((count == 1).sum()), int((count > 2).sum())
 
 
 def flipped_faces(before: Surface, after: Surface) -> Int:

@@ -20,7 +20,7 @@ from .effort import CLEARING, PARTING, Effort, apply
 from .mesh import Float
 from .overclosure_result import Step
 from .overclosure_settings import OverclosureSettings
-from .progress import Progress
+from .progress import Progress, counted
 
 PATIENCE = 25  # iterations without headway after which the loop gives up
 HEADWAY = 0.98  # of the least missing so far: what counts as headway
@@ -44,7 +44,7 @@ def loop(
         history.append(Step(number + 1, missing, pierced, spread))
         done = 1.0 - math.log1p(1e4 * missing / deepest) / math.log1p(1e4) if deepest else 1.0
         clearing = all(effort.phase == CLEARING for effort in efforts)
-        left = f"{pierced} edges crossing" if clearing or not missing else "shaping"
+        left = counted(pierced, "edge crossing", "edges crossing") if clearing or not missing else "shaping"
         text = f"overclosure, iteration {number + 1}, depth {missing:.3g}, {left}"
         share = min(0.99, max(share, done, number / settings.iterations))  # pairs push each other back in
         progress(share, text)

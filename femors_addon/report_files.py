@@ -18,7 +18,8 @@ from .report_tables import flat, sections
 from .versions import versions
 
 ENDINGS = (".html", ".htm", ".json", ".csv")
-HELP = "settings, history, every figure: .html is a page with pictures and plots, .json and .csv are data"
+FORMATS = ".html is a page with pictures and plots, .json and .csv are data"
+HELP = f"settings, history, every figure: {FORMATS}"
 
 
 def check_ending(path: Location) -> str:

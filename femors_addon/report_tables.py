@@ -11,6 +11,7 @@ from typing import Any
 
 from .cleaning import MERGED
 from .plots import curves, number
+from .progress import counted
 from .report_html import Figure, Item, Section, Table, Warnings
 
 STAT = {"median", "p99", "maximum"}
@@ -217,7 +218,11 @@ def _history(history: Any) -> Iterator[Item]:
             yield Figure(
                 drawn, "Convergence: one point for each iteration, from the coarsest level to the dense mesh."
             )
-    yield dataclasses.replace(_records(history), caption=f"All {len(history)} iterations", folded=True)
+    yield dataclasses.replace(
+        _records(history),
+        caption=f"Every step: {counted(len(history), 'iteration')}",
+        folded=True,
+    )
 
 
 def _removal(history: Any) -> Iterator[Item]:

@@ -17,7 +17,7 @@ from .carry import FADE, Carrier
 from .cleaning import clean
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
-from .progress import FemorsError, Progress, part, silent
+from .progress import FemorsError, Progress, counted, part, silent
 from .transfer_settings import TransferSettings
 from .transforms import mirrors, transformed
 from .volume import VolumeMesh
@@ -68,7 +68,7 @@ class Transferred:
         away = np.abs(self.distance)
         middle, most = np.median(away), away.max()
         count = len(np.unique(self.points, axis=0)) if soup else len(self.points)
-        words = [f"{count} points, median {middle:.3g} (max {most:.3g}) from the surface"]
+        words = [f"{counted(count, 'point')}, median {middle:.3g} (max {most:.3g}) from the surface"]
         if self.projected.any():
             words.append(f"projected by {np.median(self.projected):.3g} (max {self.projected.max():.3g})")
         if self.error.any():
@@ -189,7 +189,10 @@ class Transfer:
         nodes, held, held_by = kept_valid(mesh.moved(base), out.points, scaled_jacobians(mesh) > 0)
         out = self._with_words(dataclasses.replace(out, points=nodes), mesh.nodes)
         if len(held):
-            note = f"{len(held)} nodes held back by up to {held_by:.3g}, so that no element is inverted"
+            note = (
+                f"{counted(len(held), 'node')} held back by up to {held_by:.3g}, so that no "
+                "element is inverted"
+            )
             out = dataclasses.replace(out, notes=(*out.notes, note))
         return out
 

@@ -24,7 +24,7 @@ from .morph_outcome import misfit_around, verdict
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
-from .progress import FemorsError, Preview, Progress, part, silent
+from .progress import FemorsError, Preview, Progress, counted, part, silent
 from .quality import compare
 from .strays import without_strays
 from .transforms import mirrors, transformed
@@ -107,7 +107,8 @@ class VolumeMorphResult:
         ]
         if len(self.held):
             lines.append(
-                f"{len(self.held)} nodes held back by up to {self.held_by:.3g} to keep elements valid"
+                f"{counted(len(self.held), 'node')} held back by up to {self.held_by:.3g} to keep "
+                "elements valid"
             )
         return "\n".join([*lines, f"{verdict.split(';')[0]}; {self.seconds:.1f} s of CPU time"])
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .deck import Deck, Load, OneFile, Part
 from .files import read_bytes, require_finite
 from .mesh import Float, Int
-from .progress import FemorsError
+from .progress import FemorsError, counted
 from .volume import Block, VolumeMesh
 
 _HEAD = re.compile(
@@ -104,7 +104,10 @@ def _blocks(offsets: NDArray[np.int64], corners: NDArray[np.int64], count: int) 
     sizes = np.diff(offsets)
     other = int(((sizes < 3) | (sizes > 4)).sum())
     if other:
-        raise FemorsError(f"{other} polygons have neither three nor four corners; triangulate them first")
+        raise FemorsError(
+            f"{counted(other, 'polygon has', 'polygons have')} neither three nor four corners; "
+            "triangulate first"
+        )
     if not len(sizes):
         raise FemorsError("has no polygons")
     if len(corners) and (corners.min() < 0 or corners.max() >= count):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from . import body_names, deck_scene, deck_store, scene
 from .deck_nodes import PartShot
 from .lazy import Array, np
@@ -61,7 +61,7 @@ def found(context: bpy.types.Context, names: str, collection: str) -> list[bpy.t
     else:
         items = selected(context)
     if len(items) < 2:
-        raise FemorsError(f"{len(items)} mesh object(s) chosen as bodies: at least two are needed")
+        raise FemorsError(f"{counted(len(items), 'mesh object')} chosen as bodies: at least two are needed")
     return items
 
 
@@ -146,7 +146,10 @@ def shot(context: bpy.types.Context, item: bpy.types.Object, share: float) -> Bo
     local = local_positions(item)
     bad = int((~np.isfinite(local).all(axis=1)).sum())
     if bad:
-        raise FemorsError(f"'{item.name}': the shape keys take {bad} vertices to places that are not finite")
+        raise FemorsError(
+            f"'{item.name}': the shape keys take {counted(bad, 'vertex', 'vertices')} to places "
+            "that are not finite"
+        )
     if not deck_store.is_part(item):
         return BodyShot(seen, share, local)
     return BodyShot(seen, share, local, deck_scene.shot(item, keys=True), deck_store.archive_of(item))
@@ -268,8 +271,7 @@ def _model(one: BodyShot, deck: Deck | None) -> Model:
     matrix = one.seen.matrix
     mirrored = np.linalg.det(matrix[:3, :3]) < 0
     if deck is None or one.part is None:
-        faces = one.seen.triangles[:, ::-1] if mirrored else one.seen.triangles
-        surface = Surface(transformed(matrix, one.local), faces)
+        surface = Surface(transformed(matrix, one.local), one.seen.triangles)
         return Model(one, Body(one.name, surface, one.share), np.arange(len(one.local)))
     part, vertex = one.part.of(deck), one.part.vertices(deck)
     coordinates = np.array(deck.coordinates)

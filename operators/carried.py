@@ -13,11 +13,13 @@ import bpy
 from mathutils import Matrix, Vector
 
 from ..femors_addon.progress import FemorsError
-from . import scene
+from . import placing, scene
 from .lazy import Array, np
 
 CLOUDS = ("POINTCLOUD", "CURVES")  # whose points are an attribute
 KINDS = ("MESH", "CURVE", "SURFACE", *CLOUDS, "ARMATURE", "EMPTY")
+CONVERTED = ("META", "FONT", "CURVES", "GREASEPENCIL")
+"""Kinds that Blender makes a mesh of."""
 
 
 def points_of(item: bpy.types.Object, matrix: Array) -> Array:
@@ -30,7 +32,8 @@ def points_of(item: bpy.types.Object, matrix: Array) -> Array:
     """
     if item.type not in KINDS:
         kind = item.bl_rna.properties["type"].enum_items[item.type].name.lower()
-        raise FemorsError(f"'{item.name}' is of type {kind}, which cannot be carried: convert it to a mesh")
+        remedy = "convert it to a mesh" if item.type in CONVERTED else "carry an empty in its place"
+        raise FemorsError(f"'{item.name}' is of type {kind}, which cannot be carried: {remedy}")
     if item.mode == "EDIT":
         raise FemorsError(f"'{item.name}' is in Edit Mode: leave it first (Tab)")
     local = _local(item).astype(np.float64)
@@ -86,8 +89,7 @@ def copy_of(
             data.name = name
         inverse = np.linalg.inv(matrix)
         local = world @ inverse[:3, :3].T + inverse[:3, 3]
-        for collection in item.users_collection or (context.scene.collection,):
-            collection.objects.link(copy)
+        placing.place(context, copy, item)
         copy.animation_data_clear()  # it would be where its keys say, not where it was carried
         _freed(context, copy, matrix)
         if item.type == "MESH":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..femors_addon.progress import FemorsError, Preview, Progress
+from ..femors_addon.progress import FemorsError, Preview, Progress, counted
 from . import deck_scene, deck_store
 from .deck_nodes import PartShot
 from .lazy import Array, np
@@ -161,13 +161,14 @@ def sentences(morphed: Any) -> tuple[list[str], list[str]]:
     faults = []
     if elements["inverted_on_input"]:
         faults.append(
-            f"{len(elements['inverted_on_input'])} elements were inverted before and are left alone"
+            f"{counted(len(elements['inverted_on_input']), 'element')} inverted before, and left alone"
         )
     if elements["newly_inverted"]:
-        faults.append(f"{len(elements['newly_inverted'])} elements inverted")
+        faults.append(f"{counted(len(elements['newly_inverted']), 'element')} inverted")
     if elements["nodes_held_back"]:
         faults.append(
-            f"{elements['nodes_held_back']} nodes held back by up to {elements['held_back_by']:.3g}, "
+            f"{counted(elements['nodes_held_back'], 'node')} held back by up to "
+            f"{elements['held_back_by']:.3g}, "
             "so that no element is inverted"
         )
     said = (

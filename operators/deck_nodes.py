@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from .lazy import Array, np
 
 if TYPE_CHECKING:
@@ -109,7 +109,10 @@ class PartShot:
         if len(gone):
             return f"lacks {len(gone)} of the {len(expected)} nodes of '{self.part}' (the first: {gone[0]})"
         extra = len(self.ids) - len(expected)
-        return f"has {extra} vertices that are no nodes of '{self.part}' (added or duplicated)"
+        return (
+            f"has {counted(extra, 'vertex that is no node', 'vertices that are no nodes')} of "
+            f"'{self.part}' (added or duplicated)"
+        )
 
     def nodes(self, deck: Deck) -> Array:
         """Return (n, 3) float64 positions of the part's nodes, shape keys included where there are some."""
@@ -145,7 +148,7 @@ def together(deck: Deck, shots: list[PartShot]) -> Deck:
         if len(clash):
             other = shots[owner[at[clash[0]]]]
             raise FemorsError(
-                f"'{other.name}' and '{shot.name}' share {len(clash)} nodes (the first: "
+                f"'{other.name}' and '{shot.name}' share {counted(len(clash), 'node')} (the first: "
                 f"{deck.mesh.node_ids[at[clash[0]]]}) that they moved to different places; "
                 "move them as one object, or export one of them"
             )

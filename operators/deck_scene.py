@@ -39,7 +39,7 @@ class Plan:
 
 
 def plan(deck: Deck, key: str, part: Part) -> Plan:
-    """Return what the object(s) of a part are made from.
+    """Return what the objects of a part are made from.
 
     Raises
     ------

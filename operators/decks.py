@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import bpy
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from . import deck_export, deck_scene, deck_store, dependencies
 
 ENDINGS = (".inp", ".feb", ".bdf", ".nas", ".fem", ".vtk", ".vtu", ".msh", ".mesh")
@@ -112,8 +112,9 @@ class FEMORS_OT_import_deck(DeckOperator, bpy.types.Operator, ImportHelper):
 def _told(name: str, deck: Any, made: list[bpy.types.Object]) -> str:
     groups = sum(len(item.vertex_groups) for item in made)
     return (
-        f"'{name}': {len(made)} object(s), {len(deck.coordinates)} nodes, "
-        f"{deck.mesh.element_count} elements, {groups} sets as vertex groups"
+        f"'{name}': {counted(len(made), 'object')}, {counted(len(deck.coordinates), 'node')}, "
+        f"{counted(deck.mesh.element_count, 'element')}, "
+        f"{counted(groups, 'set as a vertex group', 'sets as vertex groups')}"
     )
 
 

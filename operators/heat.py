@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from . import deck_store, dependencies, heat_form, scene
 from .heat_shading import SHADING, redraw, shade, unshade
 from .heat_values import values_of
@@ -210,7 +210,10 @@ class FEMORS_OT_show_heat(bpy.types.Operator):
         shade(context)
         redraw(context)
         name = form.bl_rna.properties["quantity"].enum_items[form.quantity].name
-        self.report({"INFO"}, f"{name} of {len(items)} mesh(es), colours from {low:.3g} to {high:.3g}")
+        self.report(
+            {"INFO"},
+            f"{name} of {counted(len(items), 'mesh', 'meshes')}, colours from {low:.3g} to {high:.3g}",
+        )
         return {"FINISHED"}
 
 

@@ -54,6 +54,8 @@ def surface_of(item: bpy.types.Object) -> tuple[Any, Array]:
     from ..femors_addon.mesh import Surface, triangulate
 
     triangles, polygon = triangulate(*scene.polygons(item.data))
+    if item.matrix_world.determinant() < 0:  # as in a snapshot
+        triangles = triangles[:, ::-1]
     return Surface(_world(item), triangles), polygon
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import bpy
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from ..femors_addon.transfer_settings import AxesSettings
 from . import marks, scene
 from .decks import DeckOperator
@@ -63,7 +63,10 @@ class FEMORS_OT_import_landmarks(DeckOperator, bpy.types.Operator, ImportHelper)
         parent = scene.find(self.object, "mesh of the landmarks") if self.object else None
         stem = os.path.basename(path)[: -len(landmarkfiles.ending_of(path))]
         made = marks.add(context, self.collection or stem, read.labels, read.points, parent=parent)
-        return "INFO", f"'{made.name}': {marks.counted(len(read.points))} from '{os.path.basename(path)}'"
+        return (
+            "INFO",
+            f"'{made.name}': {counted(len(read.points), 'landmark')} from '{os.path.basename(path)}'",
+        )
 
 
 @add_properties(setting_properties(AxesSettings, flags=ARGUMENT))
@@ -122,7 +125,7 @@ class FEMORS_OT_export_landmarks(DeckOperator, bpy.types.Operator, ExportHelper)
         found = landmarkfiles.Landmarks(points, tuple(names), space=self.space)
         beside = figures if self.use_figures else None
         write_bytes(path, landmarkfiles.encoded(path, found, beside))
-        return "INFO", f"{marks.counted(len(names))} written to '{path}'"
+        return "INFO", f"{counted(len(names), 'landmark')} written to '{path}'"
 
     def _table(self, context: bpy.types.Context) -> tuple[list[str], Any, dict[str, list[Any]]]:
         rows = list(context.scene.femors_transfer.marks)

@@ -22,11 +22,6 @@ SIZE = 0.01
 """Of what the landmarks span: how large an empty is drawn."""
 
 
-def counted(count: int) -> str:
-    """Return so many landmarks in words."""
-    return "1 landmark" if count == 1 else f"{count} landmarks"
-
-
 def name_of(item: bpy.types.Object) -> str:
     """Return the name of the landmark that an empty is: without the number that Blender has added."""
     return str(item.get(NAME) or re.sub(r"\.\d{3,}$", "", item.name))

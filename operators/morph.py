@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..femors_addon.morph_settings import PRESETS, MorphSettings
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from ..femors_addon.settings import check, specs
 from . import deck_morph, dependencies, fields, result, scene
 from .form import fill_from_preset, read_settings
@@ -155,8 +155,8 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         steered = [morphed.steering.sentence()] if morphed.steering is not None else []
         line = "; ".join([f"'{item.name}': {distances}", *elements, *steered, f"{morphed.stop_reason}{note}"])
         faults += morphed.warnings
-        if after.flipped or after.self_intersecting:
-            faults.append(f"{after.flipped} flipped and {after.self_intersecting} self-intersecting faces")
+        bad = ((after.flipped, "flipped face"), (after.self_intersecting, "self-intersecting face"))
+        faults += [counted(count, words) for count, words in bad if count]
         return ("WARNING" if faults or not morphed.converged else "INFO"), "; ".join([line, *faults])
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..femors_addon.overclosure_settings import OverclosureSettings
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from ..femors_addon.settings import check, specs
 from . import bodies, bodies_write, body_names, dependencies, overclosure_props, overclosure_work
 from .form import exact, given_settings
@@ -30,7 +30,8 @@ def gap(context: bpy.types.Context) -> str:
         return "Choose the collection that holds the bodies"
     count = len(bodies.chosen(context))
     if form.bodies_from == "COLLECTION":
-        return "" if count > 1 else f"The collection holds {count} mesh(es): at least two are needed"
+        held = counted(count, "mesh", "meshes")
+        return "" if count > 1 else f"The collection holds {held}: at least two are needed"
     return "" if count > 1 else f"Select the bodies: two meshes or more (so far {count})"
 
 
@@ -130,9 +131,13 @@ class FEMORS_OT_check_overclosure(BodiesOperator, bpy.types.Operator):
         form.report = json.dumps({"kind": "check", "pairs": pairs, "warnings": notes})
         bad = [finding for finding in checked.findings if not finding.clear]
         if not bad:
-            line = f"No overclosure: {len(items)} bodies, {len(pairs)} pairs near each other, all clear"
+            line = (
+                f"No overclosure: {len(items)} bodies, {counted(len(pairs), 'pair')} near each "
+                "other, all clear"
+            )
         else:
-            line = f"{len(bad)} of {len(pairs)} pairs overlap or are too near; {bad[0]}"
+            words = "pair overlaps or is too near", "pairs overlap or are too near"
+            line = f"{counted(len(bad), *words)}; {bad[0]}"
         return ("WARNING" if notes else "INFO"), "; ".join([line + note, *notes])
 
 
@@ -149,6 +154,10 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
     def prepare(self, context: bpy.types.Context) -> Compute:
         """Read the bodies; return the removal as a function of progress."""
         items = self.read(context)
+        if all(bodies.is_linked(item) for item in items):
+            raise FemorsError(
+                "all bodies are linked from another file, and so rigid: make one local (Object > Relations)"
+            )
         for item, shot in zip(items, self._shots, strict=True):
             if shot.share:
                 bodies_write.check_writable(item, self.result)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..femors_addon.overclosure_settings import OverclosureSettings
-from ..femors_addon.progress import FemorsError, Preview, Progress, part
+from ..femors_addon.progress import FemorsError, Preview, Progress, counted, part
 from . import bodies
 from .body_names import Pair
 from .deck_nodes import Shape, together
@@ -196,8 +196,8 @@ def _refuse_tied(models: list[bodies.Model], exclude: Iterable[Pair]) -> None:
         shared = np.intersect1d(one.members, two.members)
         if len(shared) and frozenset((one.body.name, two.body.name)) not in spared:
             raise FemorsError(
-                f"'{one.body.name}' and '{two.body.name}' share {len(shared)} nodes of their deck and "
-                "cannot be parted: exclude the pair"
+                f"'{one.body.name}' and '{two.body.name}' share {counted(len(shared), 'node')} of "
+                "their deck and cannot be parted: exclude the pair"
             )
 
 
@@ -225,6 +225,7 @@ def _refuse_torn(models: list[bodies.Model], moved: Mapping[str, tuple[Array, Ar
         torn = np.flatnonzero(valid & (scaled_jacobians(after.mesh) <= 0))
         if len(torn):
             raise FemorsError(
-                f"{len(torn)} elements that belong to no body share nodes with '{mine[0].body.name}' or its "
-                f"like and would be inverted (first: {int(deck.mesh.element_ids[torn[0]])}): make them a body"
+                f"{counted(len(torn), 'element')} of no body, sharing nodes with '{mine[0].body.name}' or "
+                f"its like, would be inverted (first: {int(deck.mesh.element_ids[torn[0]])}): make "
+                "them a body"
             )

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from . import deck_scene, deck_store, dependencies, heat_values, scene
 from .job import Compute, JobOperator
 from .lazy import Array, np
@@ -109,7 +109,7 @@ class FEMORS_OT_quality(JobOperator, bpy.types.Operator):
             item.femors.quality = json.dumps(report)
         faults = [f"{number} {name.replace('_', '-')}" for name, number in report["faults"].items() if number]
         if found.elements is not None and found.elements.inverted:
-            faults.append(f"{found.elements.inverted} inverted elements")
+            faults.append(counted(found.elements.inverted, "inverted element"))
         line = f"'{item.name}': aspect ratio {found.aspect}; {', '.join(faults) or 'no faults'}"
         if not local:
             line += "; linked from another file, so its bad faces are not marked"
@@ -189,7 +189,7 @@ class FEMORS_OT_select_bad_faces(bpy.types.Operator):
         _select(mesh, ".select_poly", "FACE", bad)
         context.tool_settings.mesh_select_mode = (False, False, True)
         bpy.ops.object.mode_set(mode="EDIT")
-        self.report({"INFO"}, f"{int(bad.sum())} bad faces of '{item.name}' are selected")
+        self.report({"INFO"}, f"{counted(int(bad.sum()), 'bad face')} of '{item.name}' selected")
         return {"FINISHED"}
 
 

@@ -110,7 +110,7 @@ class FEMORS_OT_report(decks.DeckOperator, bpy.types.Operator, ExportHelper):
 
         if not self.filepath:
             raise FemorsError("No file named: pass filepath='<path>'")
-        path = Path(bpy.path.abspath(self.filepath))
+        path = Path(bpy.path.abspath(self.filepath)).absolute()  # "//" is nowhere in an unsaved file
         check_ending(path)
         check_writable(path)
         name, subject = self._subject(context)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
+from . import placing
 from .lazy import Array, np
 from .scene import Snapshot, evaluated_mesh
 
@@ -88,8 +89,7 @@ def new_object(
         if inside_out:
             mesh.flip_normals()
         _write_attributes(mesh, attributes)
-        for collection in source.users_collection or (context.scene.collection,):
-            collection.objects.link(item)
+        placing.place(context, item, source)
         _show(context, item)
         for block in (item, mesh):
             _own_animation(block)
@@ -178,7 +178,10 @@ def single_user(source: bpy.types.Object) -> str:
     if others < 1:
         return ""
     source.data = mesh.copy()
-    return f"; its mesh was shared {others} more time(s), so '{source.name}' has its own copy now"
+    return (
+        f"; its mesh was shared with {counted(others, 'other object')}, so '{source.name}' has "
+        "its own copy now"
+    )
 
 
 def _write_positions(mesh: bpy.types.Mesh, local: Array) -> None:

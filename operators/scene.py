@@ -8,7 +8,7 @@ import hashlib
 
 import bpy
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from . import scene_marks
 from .lazy import Array, np
 
@@ -26,7 +26,8 @@ class Snapshot:
     vertices : (n, 3) float64
         World coordinates.
     triangles : (m, 3) int32
-        Quads split on a fixed diagonal, larger polygons as Blender draws them.
+        Quads split on a fixed diagonal, larger polygons as Blender draws them; wound as they are seen where
+        the object is mirrored.
     matrix : (4, 4) float64
         Local to world.
     fingerprint : str
@@ -68,7 +69,7 @@ def find(name: str, role: str) -> bpy.types.Object:
         raise FemorsError(f"There is no object named '{name}' to be the {role}")
     if found.type != "MESH":
         kind = found.bl_rna.properties["type"].enum_items[found.type].name.lower()
-        raise FemorsError(f"The {role} '{name}' is of type {kind}: convert it to a mesh first")
+        raise FemorsError(f"The {role} '{name}' is of type {kind}: choose a mesh, or convert it to one")
     return found
 
 
@@ -113,6 +114,8 @@ def snapshot(
     finally:
         if evaluated:
             bpy.data.meshes.remove(mesh)
+    if np.linalg.det(matrix[:3, :3]) < 0:  # Blender shows the other side of faces that are mirrored
+        triangles = np.ascontiguousarray(triangles[:, ::-1])
     for array in (world, triangles, matrix):
         array.setflags(write=False)
     library = item.library.filepath if item.library else ""
@@ -292,7 +295,8 @@ def paired_landmarks(source: Snapshot, target: Snapshot) -> tuple[Array, Array, 
     names = [name for name in source.landmarks if name in target.landmarks]
     if len(names) < 3:
         raise FemorsError(
-            f"{len(names)} landmark pair(s) between '{source.name}' and '{target.name}', at least 3 are "
+            f"{counted(len(names), 'landmark pair')} between '{source.name}' and '{target.name}', "
+            "at least 3 are "
             "needed: make vertex groups of one vertex each, with the same names on both"
         )
     ours, theirs = (np.array([shot.landmarks[name] for name in names]) for shot in (source, target))

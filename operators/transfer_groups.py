@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ..femors_addon.progress import FemorsError
+from ..femors_addon.progress import FemorsError, counted
 from ..femors_addon.transfer_settings import TransferSettings
 from . import deck_morph, fields, marks, result, scene, transfer_props, transfer_work, transfer_write
 from .job import Compute
@@ -114,8 +114,8 @@ class GroupsTransfer:
         if got.marks is not None:
             residual = float(np.nanmax(got.marks.residual))
             parts.append(
-                f"{marks.counted(len(got.marks.names))} (nearest vertex up to {got.missed.max():.3g} away, "
-                f"residual up to {residual:.3g})"
+                f"{counted(len(got.marks.names), 'landmark')} (nearest vertex up to "
+                f"{got.missed.max():.3g} away, residual up to {residual:.3g})"
             )
         for name, region in got.regions.items():
             words = f"region '{name}': area {region.area:.4g}"

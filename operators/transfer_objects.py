@@ -122,7 +122,8 @@ def _select(context: bpy.types.Context, made: list[bpy.types.Object]) -> None:
 def _object(name: str) -> bpy.types.Object:
     found = bpy.data.objects.get((name, None)) or bpy.data.objects.get(name)
     if found is None or not found.users_scene:
-        raise FemorsError(f"There is no object named '{name}' to be carried")
+        hint = ": semicolons stand between names" if "," in name else ""
+        raise FemorsError(f"There is no object named '{name}' to be carried{hint}")
     return found
 
 

@@ -113,7 +113,7 @@ def test_the_page_shows_the_bodies_before_and_after(folder, capsys):
         for name in names:
             assert f"{name}: how far its nodes were moved." in text
             assert f"{name}, after: gap to the nearest other body" in text
-        assert run("--check", *files, "--report", page) == 0
+        assert run("--check", *files, "--report", page) == 1
         assert page.read_text().count("<img") == 2 + len(names) * 2
     capsys.readouterr()
 
@@ -121,10 +121,10 @@ def test_the_page_shows_the_bodies_before_and_after(folder, capsys):
 def test_the_check_writes_nothing_but_its_report(folder, capsys):
     before = sorted(folder.iterdir())
     names = [folder / f"{name}.stl" for name in ("one", "two", "far")]
-    assert run("--check", *names, "--report", folder / "r.json") == 0
-    said = capsys.readouterr().out
-    assert "one - two: overlap" in said
-    assert "far" not in said
+    assert run("--check", *names, "--report", folder / "r.json") == 1, "a script has to see it"
+    said = capsys.readouterr()
+    assert "one - two: overlap" in said.out and said.err.endswith("femors: 1 pair overlaps or is too near\n")
+    assert "far" not in said.out
     assert sorted(folder.iterdir()) == sorted([*before, folder / "r.json"])
     report = json.loads((folder / "r.json").read_text())
     assert report["clear"] is False

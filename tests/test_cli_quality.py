@@ -7,8 +7,9 @@ import json
 
 import numpy as np
 import pytest
+from commands import run
 
-from femors_addon import cli, meshfiles
+from femors_addon import meshfiles
 from femors_addon.meshfiles import MeshFile
 from femors_addon.shapes import pair
 
@@ -21,12 +22,6 @@ def bones(tmp_path_factory):
         sizes = np.full(len(surface.faces), 3)
         meshfiles.write(folder / name, MeshFile(surface.vertices, sizes, surface.faces.ravel()))
     return folder
-
-
-def run(capsys, *argv):
-    code = cli.main([str(word) for word in argv])
-    said = capsys.readouterr()
-    return code, said.out, said.err
 
 
 def test_a_sound_mesh_beside_another(bones, capsys):
@@ -48,6 +43,19 @@ def test_faults_give_code_1_and_a_line_each(bones, capsys):
     code, _, err = run(capsys, "quality", bad, "--quiet")
     assert code == 1
     assert "faces cross others" in err
+
+
+def test_notes_name_the_file(bones, capsys):
+    """The core speaks of the "mesh"; who has given two files wants to know which one."""
+    made = pair(500, 500).source
+    twice = np.vstack((made.faces, made.faces[:1]))
+    mesh = bones / "twice.obj"
+    meshfiles.write(mesh, MeshFile(made.vertices, np.full(len(twice), 3), twice.ravel()))
+    code, _, err = run(capsys, "quality", mesh, "--report", bones / "t.json")
+    assert code == 0 and err == f"femors: note: {mesh}: 1 face stands twice and was counted once\n"
+    assert json.loads((bones / "t.json").read_text())["notes"] == [
+        f"{mesh}: 1 face stands twice and was counted once"
+    ]
 
 
 def test_a_page_of_a_mesh_and_of_a_morph(bones, capsys):

@@ -106,7 +106,7 @@ def test_a_deck_as_a_surface(box, tmp_path, capsys, suffix):
     out = tmp_path / f"out{suffix}"
     code, _, err = run(capsys, "convert", box, out)
     assert code == 0
-    assert "not written: 1 nodes that are no corners of the surface" in err
+    assert "not written: 1 node that is no corner of the surface" in err
     mesh = meshfiles.read(out)
     # the top of the cube is a quad, the roof's foot two triangles: both belong to the surface
     assert mesh.surface().volume == pytest.approx(1 + 1 / 3)

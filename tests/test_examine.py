@@ -53,6 +53,17 @@ def test_faults_are_told_by_the_faces_as_given(bone):
     assert set(found.degenerate) | set(found.self_intersecting) <= set(found.bad)
 
 
+def test_edges_of_three_faces_are_not_open_ones(bone):
+    """A fin on an edge: two open sides, and an edge with three faces."""
+    a, b, _ = bone.faces[0]
+    tip = len(bone.vertices)
+    away = 2.0 * bone.vertices[a] - bone.vertices.mean(axis=0)
+    found = examine(Surface(np.vstack((bone.vertices, away)), np.vstack((bone.faces, [[a, b, tip]]))))
+    assert (found.open_edges, found.nonmanifold_edges) == (2, 1)
+    assert "open, non-manifold edges    2, 1" in found.summary().splitlines()
+    assert found.as_dict()["mesh"]["nonmanifold_edges"] == 1
+
+
 def test_a_folded_face_is_found(bone):
     moved = np.array(bone.vertices)
     face = bone.faces[100]

@@ -165,7 +165,9 @@ def test_what_is_wrong_is_told_in_a_line(tmp_path, ending, text, words):
     assert "\n" not in str(error.value)
 
 
-def test_an_ending_that_is_none_is_told():
+def test_an_ending_that_is_none_is_told(tmp_path):
+    with pytest.raises(FemorsError, match="is a folder; name a file"):
+        landmarkfiles.ending_of(tmp_path)
     with pytest.raises(FemorsError, match="no kind of landmark file"):
         landmarkfiles.ending_of("marks.xlsx")
     assert landmarkfiles.is_landmarks("A.MRK.JSON")
@@ -206,3 +208,63 @@ def test_columns_and_names_are_found(tmp_path, text, names):
 def test_other_kinds_of_tables_are_told(tmp_path, text, words):
     with pytest.raises(FemorsError, match=words):
         read(written(tmp_path, ".csv", text))
+
+
+# --- as the command line reads them ----------------------------------------------------------------
+ROWS = np.array([[1, 2, 3.5], [-4, 5, 6], [7, 8, -9e1], [0, 1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("1,2,3.5\n-4,5,6\n7, 8, -9e1\n0,1,0", ()),
+        ("x,y,z\n1,2,3.5\n\n# a remark\n-4,5,6\n7,8,-90\n0,1,0\n", ()),
+        ("\ufeffname;x;y;z\r\na;1;2;3.5\r\nb;-4;5;6\r\nc;7;8;-90\r\nd;0;1;0\r\n", ("a", "b", "c", "d")),
+        ('"a, front",1,2,3.5\nb,-4,5,6\nc,7,8,-90\nd,0,1,0\n', ("a, front", "b", "c", "d")),
+        ("z\ty\tx\tlabel\n3.5\t2\t1\ta\n6\t5\t-4\tb\n-90\t8\t7\tc\n0\t1\t0\td\n", ("a", "b", "c", "d")),
+    ],
+)
+def test_landmark_files(tmp_path, text, names):
+    path = tmp_path / "points.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    landmarks = landmarkfiles.read(path)
+    assert np.array_equal(landmarks.points, ROWS)
+    assert landmarks.names == names
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x,y,z\n", "no landmarks"),
+        ("1,2\n", "line 1: .* not 2 values"),
+        ("1,2,3\n4,5\n", "line 2: 3 values are needed, not 2"),
+        ("1,2,3\n4,five,6\n", "line 2: 'five' is not a number"),
+        ("1,2,3\n4,1_0,6\n", "line 2: '1_0' is not a number"),
+        ("1,2,inf\n", "line 1: .* not finite"),
+        ("a,1,2,3\na,4,5,6\n", "'a' stands twice"),
+    ],
+)
+def test_landmark_files_that_are_refused(tmp_path, text, words):
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    with pytest.raises(FemorsError, match=words) as caught:
+        landmarkfiles.read(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_landmarks_are_paired_by_name_or_by_order():
+    names = ("a", "b", "c", "d")
+    shuffled = [2, 0, 3, 1]
+    target = landmarkfiles.Landmarks(ROWS[shuffled] + 1, tuple(names[i] for i in shuffled))
+    one, two = landmarkfiles.paired(landmarkfiles.Landmarks(ROWS, names), target)
+    assert np.array_equal(two, one + 1)
+    one, two = landmarkfiles.paired(landmarkfiles.Landmarks(ROWS), target)
+    assert np.array_equal(two, ROWS[shuffled] + 1)
+    with pytest.raises(FemorsError, match="partner of the same name: d, e"):
+        landmarkfiles.paired(
+            landmarkfiles.Landmarks(ROWS, names), landmarkfiles.Landmarks(ROWS, ("a", "b", "c", "e"))
+        )
+    with pytest.raises(FemorsError, match="4 source landmarks and 3 target"):
+        landmarkfiles.paired(landmarkfiles.Landmarks(ROWS), landmarkfiles.Landmarks(ROWS[:3]))
+    with pytest.raises(FemorsError, match="at least 3"):
+        landmarkfiles.paired(landmarkfiles.Landmarks(ROWS[:2]), landmarkfiles.Landmarks(ROWS[:2]))

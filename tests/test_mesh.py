@@ -232,7 +232,7 @@ def test_faces_without_area_and_twins_are_left_out_and_told():
     assert result.notes == (
         "mesh: 2 faces have no area and were left out of the maths",
         "mesh: 2 faces stand twice and were counted once",
-        "mesh: 1 vertices belong to no face",
+        "mesh: 1 vertex belongs to no face",
     )
 
 

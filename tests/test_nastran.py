@@ -109,7 +109,9 @@ def test_spellings_of_seven(tmp_path, text, value):
         ("GRID,3,,0.", "GRID,3,,0x", ("line 9", "a coordinate was expected, not '0x'")),
         ("GRID,3,,0.", "GRID,3,,1.E999", ("line 9", "a coordinate was expected")),
         ("GRID,3,,0.", "GRID,3,,nan", ("line 9", "a coordinate was expected")),
-        ("GRID,3,,0.", "GRID,3,4,0.", ("line 9", "node 3 is in coordinate system 4")),
+        ("GRID,3,,0.", "GRID,3,4,0.", ("line 9", "node 3 is in coordinate system 4; use")),
+        # of nodes without a system of their own; node 2 says that it is in the basic one
+        ("$ small fields", "GRDSET,,4", ("line 7", "node 1 is in coordinate system 4 (by the GRDSET card)")),
     ],
 )
 def test_faults_are_named_with_their_line(tmp_path, old, new, words):

@@ -75,7 +75,7 @@ def test_after_the_alignment_pairs_are_looked_at_again():
     [
         (POINTS[:4], POINTS[:3], None, "paired"),
         (POINTS[:2], POINTS[:2], None, "at least 3"),
-        (POINTS[:3], POINTS[:3], ["a"], "1 names are given for 3"),
+        (POINTS[:3], POINTS[:3], ["a"], "1 name is given for 3"),
     ],
 )
 def test_pairs_that_are_none_are_told(source, target, names, words):

@@ -84,7 +84,7 @@ class FEMORS_PT_morph_advanced(FemorsPanel, bpy.types.Panel):
             if spec.advanced:
                 # more room for the words than a property split gives
                 row = column.split(factor=0.58)
-                row.active = not name.startswith("normal_") or form.correspondence == "nearest"
+                row.active = is_used(name, form.correspondence)
                 label = row.row()
                 label.alignment = "RIGHT"
                 label.label(text=spec.label)
@@ -112,6 +112,11 @@ class FEMORS_PT_morph_figures(FemorsPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table."""
         draw_figures(self.layout, parsed(context.object.femors.report), context)
+
+
+def is_used(name: str, correspondence: str) -> bool:
+    """Whether a setting does anything with this way to find vectors: closest points ask for no normals."""
+    return "normal_" not in name or correspondence != "surface"
 
 
 def draw_presets(self: bpy.types.Panel, context: bpy.types.Context) -> None:

@@ -88,6 +88,8 @@ def draw_quality(layout: bpy.types.UILayout, found: dict[str, Any], context: bpy
         _line(box, "Before merging", (str(given), ""))
     _line(box, "Pieces", (str(mesh["pieces"]),))
     _line(box, "Open edges", (str(mesh["open_edges"]),))
+    if mesh.get("nonmanifold_edges"):
+        _line(box, "Non-manifold edges", (str(mesh["nonmanifold_edges"]),))
     plain = unit == "scene units"
     _line(box, "Area" if plain else f"Area ({unit}²)", (number(factor**2 * mesh["area"]),))
     volume = "open" if mesh["volume"] is None else number(factor**3 * mesh["volume"])

@@ -39,6 +39,11 @@ def _text(node: ast.expr) -> str:
         return str(node.value)
     if isinstance(node, ast.JoinedStr):
         return "".join(_text(part) for part in node.values)
+    if isinstance(node, ast.FormattedValue):
+        return _text(node.value) if isinstance(node.value, ast.Call) else GAP
+    if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "counted":
+        one, many = node.args[1], node.args[-1]
+        return f"{GAP} {_text(many)}{'s' if one is many else ''}"
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
         return _text(node.left) + _text(node.right)
     return GAP

@@ -24,7 +24,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("FEMORS_DATA", ROOT.parent / "shared" / "data"))
 OUTPUT = ROOT / "bench_output"
-BENCH_PYTHON = Path("~/.cache/femors/bench-venv/bin/python").expanduser()
+BENCH_PYTHON = next(Path("~/.cache/femors").expanduser().glob("bench-[0-9]*/bin/python"), None)
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "bench")]
 
 NAMES = {
@@ -182,7 +182,7 @@ figure.tight_layout(); figure.savefig(out, dpi=110)
 """
 
 
-def measured(where: Path, python: Path, quick: bool) -> dict[str, Any]:
+def measured(where: Path, python: Path | None, quick: bool) -> dict[str, Any]:
     """Run all rows and sizes."""
     rows = {}
     for row in QUICK if quick else NAMES:
@@ -191,7 +191,7 @@ def measured(where: Path, python: Path, quick: bool) -> dict[str, Any]:
             if row == "femors":
                 rows[row] = called(sys.executable, __file__, "--row", row, "--where", str(where))
                 continue
-            tool = sys.executable if row == "shrinkwrap" else python
+            tool = sys.executable if row == "shrinkwrap" else python or sys.executable
             script = str(Path(__file__).with_name("peer_tools.py"))
             rows[row] = called(tool, script, row, str(where / "pair.npz"), str(where / f"{row}.npz"))
             rows[row]["figures"] = called(sys.executable, __file__, "--row", row, "--where", str(where))
@@ -232,7 +232,7 @@ def main() -> int:
     (OUTPUT / "peers.md").write_text(text, encoding="utf-8")
     (OUTPUT / "peers.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     print(text + f"\nwritten: {OUTPUT}/peers.md and peers.json")
-    if args.python.exists():
+    if args.python is not None and args.python.exists():
         plot = [
             str(args.python),
             "-c",

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the field carries, measured: sites and landmarks of real femora, and warps with known answers.
 
-    OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/bench/bench_transfer.py
+    OPENBLAS_NUM_THREADS=1 .venv/bin/python tests/bench/bench_transfer.py [--docs]
 
-Prints Markdown, and writes it to bench_output/transfer.md. Real bones are left out where they are not.
+Prints Markdown, and writes it to bench_output/transfer.md; ``--docs`` puts it into docs/landmarks.md. Real
+bones are left out where they are not.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from pathlib import Path
@@ -216,6 +218,9 @@ def warps(nodes: int) -> list[str]:
 
 def main() -> int:
     """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--docs", action="store_true", help="put it into docs/landmarks.md")
+    docs = parser.parse_args().docs
     parts = [pair()] if (PAIR / "source.stl").exists() else []
     parts += [small()] if (SMALL / "femur.stl").exists() else []
     parts += [cartilage()] if (KNEE / "bone_femur.inp").exists() else []
@@ -225,6 +230,11 @@ def main() -> int:
     output = ROOT / "bench_output"
     output.mkdir(exist_ok=True)
     (output / "transfer.md").write_text(text + "\n", encoding="utf-8")
+    if docs:
+        path = ROOT / "docs" / "landmarks.md"
+        start, stop = "<!-- bench:begin -->\n", "<!-- bench:end -->"
+        before, rest = path.read_text(encoding="utf-8").split(start)
+        path.write_text(before + start + text + "\n" + stop + rest.split(stop)[1], encoding="utf-8")
     return 0
 
 

@@ -121,3 +121,52 @@ def tools():
     for function in (sphere, add_object, world, census):
         setattr(Tools, function.__name__, staticmethod(function))
     return Tools
+
+
+@pytest.fixture()
+def deck(tmp_path, empty):
+    """A function that writes a deck, imports it, and returns its path and the objects."""
+
+    def make(text: str, name: str = "model.inp"):
+        path = tmp_path / name
+        path.write_text(text)
+        before = set(bpy.data.objects)
+        assert bpy.ops.femors.import_deck(filepath=str(path)) == {"FINISHED"}
+        return path, [item for item in bpy.data.objects if item not in before]
+
+    return make
+
+
+@pytest.fixture()
+def core(part):
+    """The core's modules by name."""
+    return lambda name: part(f"femors_addon.{name}")
+
+
+@pytest.fixture()
+def balls(empty, tools):
+    """Two balls of radius 1 and 0.8 that overlap by 0.3 along x, with a third far away."""
+    from body_cases import ball
+
+    one = ball(tools, "Ball", 1.0, (0, 0, 0))
+    two = ball(tools, "Cup", 0.8, (1.5, 0.02, 0.01))
+    ball(tools, "Far", 1.0, (9, 0, 0))
+    bpy.context.view_layer.update()
+    return one, two
+
+
+@pytest.fixture()
+def morphed(pair, tools):
+    """The pair after a morph; on the source two landmarks, and a region with partial weights."""
+    from field_cases import put_group
+
+    source, target = pair
+    points = tools.world(source)
+    far = np.linalg.norm(points - points[100], axis=1)
+    put_group(source, "tip", {100: 1.0})
+    put_group(
+        source, "site", {int(i): float(np.clip(1.6 - far[i] / 0.5, 0, 1)) for i in np.flatnonzero(far < 0.8)}
+    )
+    put_group(source, "pole", {len(points) - 1: 1.0})
+    assert bpy.ops.femors.morph(source="Femur", target="Scan") == {"FINISHED"}
+    return source, target, bpy.data.objects["Femur morphed to Scan"]

@@ -3,167 +3,24 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
+from deck_cases import (
+    assembly,
+    export,
+    febio,
+    grid,
+    halves,
+    ids,
+    local,
+    plain,
+    refused,
+    target_of,
+)
 from mathutils import Matrix
-
-DATA = Path(os.environ.get("FEMORS_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
-KNEE = DATA / "knee"
-
-
-# --- small decks --------------------------------------------------------------------------------------
-def grid(counts=(6, 5, 3), size=(30.0, 20.0, 9.0)):
-    """Return nodes (n, 3), with more digits than single precision has, and hexes (e, 8)."""
-    x, y, z = (np.linspace(0, length, k + 1) for length, k in zip(size, counts, strict=True))
-    nodes = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3) + 1 / 3
-    strides = np.array([(counts[1] + 1) * (counts[2] + 1), counts[2] + 1, 1])
-    at = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
-    offsets = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    return nodes, np.stack([(at + offset) @ strides for offset in offsets], axis=1)
-
-
-def node_lines(nodes, first=1) -> str:
-    return "".join(f"{first + i}, {x!r}, {y!r}, {z!r}\n" for i, (x, y, z) in enumerate(nodes.tolist()))
-
-
-def element_lines(elements, first=1, offset=1) -> str:
-    rows = (elements + offset).tolist()
-    return "".join(f"{first + i}, {', '.join(map(str, row))}\n" for i, row in enumerate(rows))
-
-
-def plain() -> str:
-    """Return a deck of one block, ids from 1001, with sets of nodes and elements."""
-    nodes, hexes = grid()
-    return (
-        "** a block\n*NODE, NSET=EVERY\n"
-        + node_lines(nodes, 1001)
-        + "*ELEMENT, TYPE=C3D8R, ELSET=BLOCK\n"
-        + element_lines(hexes, 1, 1001)
-        + "*NSET, NSET=TIP\n1001\n*NSET, NSET=END, GENERATE\n1001, 1024, 1\n"
-        + "*ELSET, ELSET=HALF, GENERATE\n1, 45, 1\n"
-        + "*MATERIAL, NAME=TISSUE\n*ELASTIC\n 12.0, 0.45\n"
-    )
-
-
-def halves() -> str:
-    """Return a deck of two element sets that share the nodes between them."""
-    nodes, hexes = grid()
-    return (
-        "*NODE\n"
-        + node_lines(nodes)
-        + "*ELEMENT, TYPE=C3D8, ELSET=LEFT\n"
-        + element_lines(hexes[:45])
-        + "*ELEMENT, TYPE=C3D8, ELSET=RIGHT\n"
-        + element_lines(hexes[45:], 46)
-    )
-
-
-def assembly() -> str:
-    """Return a deck with a part that stands in two places."""
-    nodes, hexes = grid((3, 2, 2), (6, 4, 4))
-    return (
-        "*PART, NAME=Brick\n*NODE\n"
-        + node_lines(nodes)
-        + "*ELEMENT, TYPE=C3D8\n"
-        + element_lines(hexes)
-        + "*END PART\n*ASSEMBLY, NAME=All\n*INSTANCE, NAME=Brick-1, PART=Brick\n*END INSTANCE\n"
-        + "*INSTANCE, NAME=Brick-2, PART=Brick\n 100., 0., 0.\n"
-        + " 100., 0., 0., 100., 0., 1., 90.\n*END INSTANCE\n"
-        + "*END ASSEMBLY\n"
-    )
-
-
-def febio() -> str:
-    nodes, hexes = grid((3, 2, 2))
-    rows = "".join(
-        f'<node id="{i + 1}">{x!r},{y!r},{z!r}</node>\n' for i, (x, y, z) in enumerate(nodes.tolist())
-    )
-    elements = "".join(
-        f'<elem id="{i + 1}">{",".join(map(str, row))}</elem>\n' for i, row in enumerate((hexes + 1).tolist())
-    )
-    return (
-        '<?xml version="1.0"?>\n<febio_spec version="4.0">\n<Mesh>\n'
-        f'<Nodes name="all">\n{rows}</Nodes>\n<Elements type="hex8" name="Soft">\n{elements}</Elements>\n'
-        "</Mesh>\n</febio_spec>\n"
-    )
-
-
-SPANS = np.array([30.0, 20.0, 9.0])
-
-
-def warp(points):
-    """A smooth known warp of a few mm."""
-    x, y, _ = (np.asarray(points) / SPANS).T
-    return points + 2.0 * np.stack(
-        [0.6 * np.sin(3 * y), 0.8 * np.sin(2.5 * x), np.sin(3 * x) + 0.3 * y], axis=-1
-    )
-
-
-@pytest.fixture()
-def deck(tmp_path, empty):
-    """A function that writes a deck, imports it, and returns its path and the objects."""
-
-    def make(text: str, name: str = "model.inp"):
-        path = tmp_path / name
-        path.write_text(text)
-        before = set(bpy.data.objects)
-        assert bpy.ops.femors.import_deck(filepath=str(path)) == {"FINISHED"}
-        return path, [item for item in bpy.data.objects if item not in before]
-
-    return make
-
-
-@pytest.fixture()
-def core(part):
-    """The core's modules by name."""
-    return lambda name: part(f"femors_addon.{name}")
-
-
-def export(path: Path, **options) -> bytes:
-    assert bpy.ops.femors.export_deck(filepath=str(path), **options) == {"FINISHED"}
-    return path.read_bytes()
-
-
-def local(item) -> np.ndarray:
-    out = np.empty(3 * len(item.data.vertices), np.float32)
-    item.data.vertices.foreach_get("co", out)
-    return out.reshape(-1, 3)
-
-
-def ids(item) -> np.ndarray:
-    out = np.empty(len(item.data.vertices), np.int32)
-    item.data.attributes["node_id"].data.foreach_get("value", out)
-    return out
-
-
-def target_of(tools, core, path, name="Target", part=None):
-    """Make the object of a part's warped outer surface; return it and the same as a core Surface."""
-    read = core("deckfiles").read_deck(path)
-    surface, _ = read.submesh(read.part(part))[0].surface()
-    vertices = warp(surface.vertices).astype(np.float32).astype(float)
-    return tools.add_object(name, vertices, surface.faces.tolist()), core("mesh").Surface(
-        vertices, surface.faces
-    )
-
-
-def still(core):
-    """Settings without an alignment, which could turn a block by half a turn."""
-    return core("morph_settings").MorphSettings(alignment="none")
-
-
-def refused(match: str, operator, tools, **options) -> str:
-    before = tools.census()
-    with pytest.raises(RuntimeError, match=match) as caught:
-        operator(**options)
-    line = str(caught.value).removeprefix("Error: ").strip()
-    assert "\n" not in line and "Traceback" not in line and "unexpected" not in line, line
-    assert tools.census() == before
-    return line
 
 
 # --- in -------------------------------------------------------------------------------------------------
@@ -280,100 +137,6 @@ def test_an_object_that_was_moved_is_told(deck, tmp_path, part):
     level, line = part("operators.deck_export").write(bpy.context, [item], str(tmp_path / "out.inp"))
     assert level == "WARNING" and "Ctrl+A" in line
     assert (tmp_path / "out.inp").read_bytes() == path.read_bytes()
-
-
-# --- morph ------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("kind", ["NEW", "SHAPE_KEY", "IN_PLACE"])
-def test_morph_save_open_export_is_the_core(deck, tmp_path, tools, core, kind):
-    path, (item,) = deck(plain())
-    _, surface = target_of(tools, core, path)
-    read = core("deckfiles").read_deck(path)
-    expected, _ = core("deck_morph").morph_part(read, read.part(None), surface, still(core))
-    options = {"target": "Target", "alignment": "none", "result": kind}
-    assert bpy.ops.femors.morph(source=item.name, **options) == {"FINISHED"}
-    made = bpy.context.object
-    assert made.name == ("BLOCK morphed to Target" if kind == "NEW" else "BLOCK")
-    elements = json.loads(made.femors.report)["volume"]
-    assert elements["newly_inverted"] == [] and elements["after"]["minimum"] > 0.2
-    name = made.name
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
-    path.unlink()  # the original has moved
-    bpy.ops.wm.read_homefile(use_empty=True)
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
-    assert export(tmp_path / "out.inp", object=name) == expected.encoded()
-    inner = np.setdiff1d(np.arange(len(expected.coordinates)), read.mesh.surface()[1])
-    goal = warp(read.coordinates[inner])
-    assert np.abs(expected.coordinates[inner] - goal).max() < 1.0, "the interior has followed"
-    # and an edit of one vertex afterwards adds to the exact position
-    made = bpy.data.objects[name]
-    block = made.data.shape_keys.key_blocks[-1].data if kind == "SHAPE_KEY" else made.data.vertices
-    block[5].co.y += 0.25
-    export(tmp_path / "edited.inp", object=name)
-    moved = core("deckfiles").read_deck(tmp_path / "edited.inp").coordinates - expected.coordinates
-    assert moved[5, 1] == pytest.approx(0.25, abs=4e-6)
-    assert np.count_nonzero(moved) == 1
-
-
-def test_the_slider_counts(deck, tmp_path, tools, core):
-    path, (item,) = deck(plain())
-    target_of(tools, core, path)
-    read = core("deckfiles").read_deck
-    bpy.ops.femors.morph(source=item.name, target="Target", result="SHAPE_KEY")
-    export(tmp_path / "1.inp", object=item.name)
-    key = item.data.shape_keys.key_blocks[-1]
-    key.value = 0.5
-    export(tmp_path / "half.inp", object=item.name)
-    middle = 0.5 * (read(path).coordinates + read(tmp_path / "1.inp").coordinates)
-    np.testing.assert_allclose(read(tmp_path / "half.inp").coordinates, middle, atol=1e-12)
-    key.value = 0.0
-    assert export(tmp_path / "0.inp", object=item.name) == path.read_bytes()
-
-
-def test_two_morphs_one_after_the_other(deck, tmp_path, tools, core):
-    path, (item,) = deck(plain())
-    read = core("deckfiles").read_deck(path)
-    _, surface = target_of(tools, core, path)
-    bpy.ops.femors.morph(source=item.name, target="Target")
-    made = bpy.context.object
-    bpy.ops.femors.morph(source=made.name, target="Target")
-    again = bpy.context.object
-    once, _ = core("deck_morph").morph_part(read, read.part(None), surface)
-    twice, _ = core("deck_morph").morph_part(once, once.part(None), surface)
-    expected = read.with_coordinates(twice.coordinates).encoded()
-    assert export(tmp_path / "out.inp", object=again.name) == expected
-
-
-def test_weights_and_a_deck_as_target(deck, tmp_path, tools, core):
-    path, (item,) = deck(plain())
-    target, _ = target_of(tools, core, path)
-    second = tmp_path / "goal.inp"
-    read = core("deckfiles").read_deck(path)
-    read.with_coordinates(warp(read.coordinates)).write(second)
-    bpy.data.objects.remove(target)
-    bpy.ops.femors.import_deck(filepath=str(second))
-    goal = bpy.context.object
-    bpy.ops.femors.morph(source=item.name, target=goal.name, vertex_group="HALF", alignment="none")
-    export(tmp_path / "out.inp", object=bpy.context.object.name)
-    after = core("deckfiles").read_deck(tmp_path / "out.inp").coordinates
-    moved = np.linalg.norm(after - read.coordinates, axis=1)
-    surface = np.intersect1d(read.mesh.surface()[1], np.setdiff1d(np.arange(len(after)), grid()[1][:45]))
-    assert moved[surface].max() == 0.0 and moved.max() > 1.0
-
-
-def test_instances_are_morphed_where_they_stand(deck, tmp_path, tools, core):
-    path, items = deck(assembly())
-    two = next(item for item in items if item.name == "Brick-2")
-    read = core("deckfiles").read_deck(path)
-    surface, _ = read.submesh(read.part("Brick"))[0].surface()
-    vertices = surface.vertices * [1.2, 1.1, 1.0]
-    goal = tools.add_object("Target", vertices, surface.faces.tolist())
-    goal.matrix_world = two.matrix_world
-    bpy.context.view_layer.update()
-    bpy.ops.femors.morph(source="Brick-2", target="Target")
-    export(tmp_path / "out.inp", object=bpy.context.object.name)
-    after = core("deckfiles").read_deck(tmp_path / "out.inp").coordinates
-    np.testing.assert_allclose(np.ptp(after, axis=0), np.ptp(vertices, axis=0), atol=0.02)
-    assert after.max() < 20, "in the part's own coordinates"
 
 
 # --- the life of a .blend -----------------------------------------------------------------------------
@@ -508,7 +271,7 @@ def test_meshes_that_lost_their_nodes(deck, tmp_path, tools):
     tools.add_object("Target", *tools.sphere())
     refused("lacks 1 of the 168 nodes", bpy.ops.femors.morph, tools, source="BLOCK", target="Target")
     edited(bpy.ops.mesh.duplicate)
-    refused("1 vertices that are no nodes", bpy.ops.femors.export_deck, tools, filepath=out, object="BLOCK")
+    refused("1 vertex that is no node", bpy.ops.femors.export_deck, tools, filepath=out, object="BLOCK")
     item.data = whole.copy()
     item.data.attributes.remove(item.data.attributes["node_id"])
     refused("lost its attribute", bpy.ops.femors.export_deck, tools, filepath=out, object="BLOCK")
@@ -550,50 +313,3 @@ def test_menus_and_drag_and_drop_come_and_go(extension):
     assert seen() == (0, [], False)
     extension.register()
     assert seen() == (2, ["FEMORS_FH_deck"], True)
-
-
-# --- a real cartilage ---------------------------------------------------------------------------------------
-def test_a_femoral_cartilage(empty, tmp_path, tools, core):
-    path = KNEE / "cartilage_femur_hex.inp"
-    if not path.is_file():
-        pytest.skip(f"needs {path}")
-    bpy.ops.femors.import_deck(filepath=str(path))
-    item = bpy.context.object
-    assert export(tmp_path / "same.inp") == path.read_bytes()
-    read = core("deckfiles").read_deck(path)
-    surface, _ = read.mesh.surface()
-    x, y, z = ((surface.vertices - surface.vertices.mean(axis=0)) / surface.diagonal).T
-    bend = np.stack([6 * np.sin(4 * y), 6 * np.cos(4 * z), 5 * np.sin(4 * x + 1)], axis=1)
-    vertices = (surface.vertices + bend).astype(np.float32).astype(float)
-    tools.add_object("Target", vertices, surface.faces.tolist())
-    assert bpy.ops.femors.morph(source=item.name, target="Target") == {"FINISHED"}
-    name = bpy.context.object.name
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
-    bpy.ops.wm.read_homefile(use_empty=True)
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
-    got = export(tmp_path / "out.inp", object=name)
-    aim = core("mesh").Surface(vertices, surface.faces)
-    expected, result = core("deck_morph").morph_part(read, read.part(None), aim)
-    assert got == expected.encoded()
-    assert not len(result.inverted_new)
-
-
-# --- figures and colours -------------------------------------------------------------------------------
-def test_elements_are_measured_and_coloured(deck, part, core):
-    _, (item,) = deck(plain())
-    bpy.context.view_layer.objects.active = item
-    item.select_set(True)
-    assert bpy.ops.femors.quality(mesh=item.name) == {"FINISHED"}
-    found = json.loads(item.femors.quality)
-    assert found["elements"]["inverted"] == 0
-    assert found["elements"]["volume"] == pytest.approx(found["mesh"]["volume"], rel=1e-6)
-    item.data.vertices[40].co.x += 25.0  # past its neighbours
-    item.data.update()
-    assert bpy.ops.femors.quality(mesh=item.name) == {"FINISHED"}
-    found = json.loads(item.femors.quality)
-    assert found["elements"]["inverted"] > 0
-    assert bpy.ops.femors.show_heat(quantity="scaled_jacobian") == {"FINISHED"}
-    values = part("operators.heat_values").values_of(item, "scaled_jacobian")
-    assert values.shape == (len(item.data.vertices),)
-    assert values[40] == values.min() == pytest.approx(found["elements"]["minimum"])
-    assert values.max() == pytest.approx(1.0)

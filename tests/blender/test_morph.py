@@ -151,6 +151,15 @@ def test_transforms_do_not_change_the_result(pair, tools, transform, result):
         assert item.parent is source.parent
 
 
+def test_a_mirrored_object_is_not_taken_for_one_turned_inside_out(pair):
+    """Blender shows the outside of a mirrored object; so does what is said of it."""
+    pair[0].scale = (-1.0, 2.0, 0.5)
+    report = json.loads(morph().femors.report)
+    assert report["warnings"] == []
+    assert bpy.ops.femors.quality(mesh="Femur", other="") == {"FINISHED"}
+    assert json.loads(pair[0].femors.quality)["notes"] == []
+
+
 def test_a_moved_target_counts_where_it_is(pair, tools):
     _, target = pair
     target.location = (10, 0, 0)
@@ -439,3 +448,32 @@ def test_settings_reach_the_core(pair, part, monkeypatch):
         seen["settings"].dense_iterations
         == part("femors_addon.morph_settings").PRESETS["gross"].dense_iterations
     )
+
+
+@pytest.mark.parametrize("where", ["another scene", "left out", "another file"])
+def test_a_result_is_seen_wherever_its_source_is(pair, tools, tmp_path, where):
+    """In the collections of the source, and in the scene where those do not show it."""
+    source, _ = pair
+    group = bpy.data.collections.new("Bones")
+    top = bpy.context.scene.collection
+    top.objects.unlink(source)
+    if where == "another file":
+        path = str(tmp_path / "library.blend")
+        group.objects.link(source)
+        bpy.data.libraries.write(path, {group})
+        bpy.data.objects.remove(source)
+        bpy.data.collections.remove(group)
+        with bpy.data.libraries.load(path, link=True) as (_, there):
+            there.collections = ["Bones"]
+        group = bpy.data.collections["Bones"]
+        assert group.library is not None
+        top.children.link(group)
+    else:
+        group.objects.link(source)
+        parent = top if where == "left out" else bpy.data.scenes.new("Another").collection
+        parent.children.link(group)
+        if where == "left out":
+            bpy.context.view_layer.layer_collection.children["Bones"].exclude = True
+    item = morph()
+    assert item is not None and item.name == "Femur morphed to Scan" and item.visible_get()
+    assert list(item.users_collection) == ([top] if where == "another file" else [group, top])

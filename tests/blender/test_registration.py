@@ -142,6 +142,16 @@ def test_numbers_in_narrow_columns_are_fixed_and_short(part):
     assert tuple(map(fixed, cases)) == expected
 
 
+@pytest.mark.parametrize("way", ["mixed", "surface", "nearest"])
+def test_settings_are_grey_only_where_they_do_nothing(part, way):
+    is_used, stages = part("ui.panels").is_used, part("femors_addon.schedule").stages
+    plain = part("femors_addon.morph_settings").MorphSettings(correspondence=way)
+    edges, size = [3.0, 2.0, 1.0], 100.0
+    for name in ("normal_weight", "fine_normal_weight", "normal_decay", "fine_normal_decay", "spread_start"):
+        other = dataclasses.replace(plain, **{name: 0.5})
+        assert is_used(name, way) == (stages(other, edges, size) != stages(plain, edges, size)), name
+
+
 def test_presets_answer_no_question_about_the_data(part):
     """The panel keeps what was said of the data when a preset is chosen, so presets must not differ there."""
     settings, module = part("femors_addon.settings"), part("femors_addon.morph_settings")

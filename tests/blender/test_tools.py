@@ -25,6 +25,17 @@ def test_a_report_has_pictures_figures_and_versions(pair, tmp_path):
     assert sorted(one.name for one in tmp_path.iterdir()) == ["r.csv", "r.html", "r.json"]
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*blend relative:RuntimeWarning"
+)  # of Blender 5.2, which takes it even so
+def test_a_report_beside_an_unsaved_file_says_where_it_is(pair, tmp_path, monkeypatch, capfd):
+    """ "//" is the folder of the .blend, and there is none."""
+    monkeypatch.chdir(tmp_path)
+    bpy.ops.femors.morph(source="Femur", target="Scan")
+    assert bpy.ops.femors.report(filepath="//r.json") == {"FINISHED"}
+    assert str(tmp_path / "r.json") in "".join(capfd.readouterr()) and (tmp_path / "r.json").exists()
+
+
 @pytest.mark.parametrize("gone", ["Femur", "Scan"])
 def test_a_report_does_without_what_is_gone(pair, tmp_path, gone):
     bpy.ops.femors.morph(source="Femur", target="Scan")

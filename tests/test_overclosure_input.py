@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bodies as users have them: bad ones, unlikely ones, and what is said of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from solids import box, hexes, moved, sphere
+from spheres import GAP, assert_apart, pair, smallest_gap
+
+from femors_addon import shapes
+from femors_addon.bodies import Body
+from femors_addon.mesh import Surface
+from femors_addon.overclosure import OverclosureSettings, check_overclosure, remove_overclosure
+from femors_addon.progress import Cancelled, FemorsError
+
+
+# --- bad input ----------------------------------------------------------------------------------------
+def test_an_inverted_surface_is_turned_for_the_maths_and_comes_back_as_it_was():
+    good, other = pair()
+    turned = Body("one", Surface(good.nodes, good.mesh.faces[:, ::-1]))
+    result = remove_overclosure([turned, other])
+    assert np.array_equal(result.bodies[0].mesh.faces, turned.mesh.faces)
+    assert result.certified
+    assert any("inward" in note for note in result.notes)
+    assert np.array_equal(result.bodies[0].nodes, remove_overclosure([good, other]).bodies[0].nodes)
+
+
+def test_unmerged_triangles_stay_together():
+    good, other = pair()
+    soup = Surface(good.mesh.corners.reshape(-1, 3), np.arange(3 * len(good.mesh.faces)).reshape(-1, 3))
+    result = remove_overclosure([Body("one", soup), other])
+    assert result.certified
+    at = good.mesh.faces.ravel()  # triangles that shared a vertex still do, bit for bit
+    first = np.unique(at, return_index=True)[1]
+    assert np.array_equal(result.bodies[0].nodes, result.bodies[0].nodes[first][at])
+    plain = remove_overclosure([good, other])
+    assert np.abs(result.bodies[0].nodes - plain.bodies[0].nodes[at]).max() < 0.02
+
+
+def test_a_sheet_below_a_surface_is_told_what_it_lacks():
+    ball = sphere(3)
+    cap = Surface(0.97 * ball.vertices, ball.faces[ball.vertices[ball.faces][:, :, 2].min(axis=1) > 4.0])
+    result = remove_overclosure([Body("ball", ball, 0.0), Body("cap", cap)])
+    assert not result.certified
+    assert (
+        "'cap' is open: give a sheet a thickness" in result.certificate
+        and "'ball' is open" not in result.certificate
+    )
+
+
+@pytest.mark.parametrize("kind", ["sheet", "plate"])
+def test_what_runs_through_the_middle_of_a_body_is_left_where_it_is(kind):
+    """It was bent by half the body's width, and then told that it does not go."""
+    disc = shapes.sphere(4, radius=16.0)
+    upper = disc.faces[(disc.corners[:, :, 2] >= -1e-9).all(axis=1)]
+    sheet = Surface(disc.vertices * (1.0, 1.0, 1e-3), upper)
+    through = sheet if kind == "sheet" else hexes((40, 40, 2), (30.0, 30.0, 0.5))
+    result = remove_overclosure([Body("ball", sphere(3)), Body("through", through)])
+    assert not result.certified and "deep" in result.certificate
+    assert ("'through' is open" in result.certificate) == (kind == "sheet")
+    assert result.untouched and not any("of its volume" in note for note in result.notes)
+
+
+def test_an_open_surface_is_told_and_parted():
+    shell = sphere()
+    keep = shell.vertices[shell.faces].mean(axis=1)[:, 2] < 6.0
+    result = remove_overclosure(
+        [Body("one", Surface(shell.vertices, shell.faces[keep])), pair((17, 1, -2))[1]]
+    )
+    assert result.certified
+    assert any("open" in note for note in result.notes)
+
+
+def test_a_body_that_crosses_itself_near_contact_is_told():
+    blob = sphere(), moved(sphere(), (2.0, 9.0, 1.0))  # one mesh of two spheres that cross each other
+    faces = np.concatenate((blob[0].faces, blob[1].faces + len(blob[0].vertices)))
+    vertices = np.concatenate([part.vertices for part in blob])
+    other = Body("two", sphere(3, 10.0, (18.0, 4.0, 0.0)))
+    result = remove_overclosure([Body("one", Surface(vertices, faces)), other])
+    assert any("crossed others of the same body" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("bodies", "words"),
+    [
+        (lambda: pair()[:1], "at least two"),
+        (lambda: [pair()[0], pair()[0]], "two bodies are named"),
+        (lambda: [Body("one", sphere()), Body("two", sphere())], "copies of one surface"),
+        (lambda: pair(one=0.0, two=0.0), "every body is rigid"),
+        (lambda: [Body("one", Surface(np.zeros((3, 3)), [[0, 1, 2]])), pair()[1]], "one: "),
+        (lambda: [Body("one", Surface(np.full((3, 3), np.nan), [[0, 1, 2]])), pair()[1]], "not finite"),
+        (lambda: pair(one=1.5), "from 0"),
+    ],
+)
+def test_bad_input_is_one_line(bodies, words):
+    with pytest.raises(FemorsError, match=words) as error:
+        remove_overclosure(bodies())
+    assert "\n" not in str(error.value)
+
+
+def test_a_negative_gap_is_refused():
+    with pytest.raises(FemorsError, match="Minimum gap"):
+        remove_overclosure(pair(), OverclosureSettings(gap=-1.0))
+
+
+def test_metres_beside_millimetres_are_told():
+    bodies = [Body("mm", sphere(2, 1000.0)), Body("m", sphere(2, 1.0, (1000.0, 0.0, 0.0)))]
+    assert any("unit of length" in note for note in remove_overclosure(bodies).notes)
+
+
+def test_cancelling_ends_at_once():
+    calls = []
+
+    def progress(fraction: float, text: str) -> None:
+        calls.append(fraction)
+        if len(calls) == 4:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        remove_overclosure(pair(), progress=progress)
+
+
+def test_progress_and_preview():
+    fractions, seen = [], []
+    remove_overclosure(pair(), progress=lambda f, text: fractions.append(f), preview=seen.append)
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    assert set(seen[0]) == {"one", "two"}
+    assert seen[0]["one"].shape == pair()[0].nodes.shape
+
+
+# --- what a fresh pair of eyes found ------------------------------------------------------------------
+def test_coarse_bodies_without_a_node_near_contact():
+    plate = hexes((1, 1, 1), (100, 100, 1)).surface()[0]
+    slab = hexes((20, 20, 1), (10, 10, 1), centre=(3.0, 2.0, 0.2)).surface()[0]
+    assert_apart(remove_overclosure([Body("plate", plate), Body("slab", slab)], OverclosureSettings(gap=GAP)))
+    bars = [Body("x", hexes((1, 1, 1), (400, 5, 5)).surface()[0])]
+    bars.append(Body("y", hexes((1, 1, 1), (5, 400, 5), centre=(20.0, 30.0, 1.0)).surface()[0]))
+    finding = check_overclosure(bars)[0]
+    assert finding.state == "overlap"
+    assert np.isfinite([finding.least, *finding.where]).all()
+    assert np.linalg.norm(np.array(finding.where[:2]) - (20.0, 0.0)) < 10
+
+
+@pytest.mark.parametrize("excluded", [False, True])
+def test_a_thin_body_far_away_changes_nothing(excluded):
+    far = Body("far", hexes((4, 4, 1), (20, 20, 0.02), centre=(0, 0, 500)).surface()[0])
+    alone = remove_overclosure(pair(), OverclosureSettings(gap=GAP))
+    both = [("one", "far"), ("far", "two")] if excluded else []
+    beside = remove_overclosure([*pair(), far], OverclosureSettings(gap=GAP), exclude=both)
+    for a, b in zip(alone.bodies, beside.bodies[:2], strict=True):
+        assert np.array_equal(a.nodes, b.nodes)
+
+
+@pytest.mark.parametrize("gap", [np.inf, np.nan, 1e9])
+def test_a_pair_s_gap_is_a_length(gap):
+    with pytest.raises(FemorsError, match="must be from 0"):
+        remove_overclosure(pair(), gaps={("one", "two"): gap})
+
+
+@pytest.mark.parametrize("cells", [1, 5, 10])
+@pytest.mark.parametrize("depth", [0.1, 1.0, 4.0])
+def test_cubes_that_stand_exactly_in_line(cells, depth):
+    """All side faces are coplanar: what is closest is beside, and leads nowhere."""
+    bodies = [Body("one", box(cells, 10.0)), Body("two", box(cells, 10.0, (0.0, 0.0, 10.0 - depth)))]
+    assert_apart(remove_overclosure(bodies, OverclosureSettings(gap=GAP)))
+
+
+def test_lobes_that_cross_stay_outward():
+    lobes = sphere(2), moved(sphere(2), (10.0, 3.0, 0.0))
+    faces = np.concatenate((lobes[0].faces, lobes[1].faces + len(lobes[0].vertices)))
+    body = Surface(np.concatenate([s.vertices for s in lobes]), faces)
+    result = remove_overclosure([Body("lobes", body), Body("ball", sphere(2, 10.0, (24.0, 8.0, 0.0)))])
+    assert not any("inward" in note for note in result.notes)
+    assert result.bodies[0].volume[0] == pytest.approx(2 * lobes[0].volume)
+    assert result.bodies[0].xor is None  # it overlaps itself: what a boolean says of it is not its volume
+    assert all(f.shared is None or f.shared >= 0 for f in (*result.before, *result.after))
+
+
+def test_where_it_is_not_reached_the_best_state_comes_back():
+    """Of all states that the loop went through, none had less to it; nor had the input."""
+    bodies = [
+        Body("below", sphere(), 0.0),
+        Body("above", sphere(centre=(0.0, 0.0, 19.9)), 0.0),
+        Body("ball", sphere(2, 3.0, (0.5, 0.0, 9.9)), 1.0),
+    ]
+    seen: list[dict] = []
+    settings = OverclosureSettings(gap=GAP, iterations=30)
+    result = remove_overclosure(bodies, settings, preview=seen.append, exclude=[("below", "above")])
+    assert not result.certified
+
+    def missing(nodes: np.ndarray) -> float:
+        ball = Surface(nodes, bodies[2].mesh.faces)
+        return max(-smallest_gap(ball, body.mesh) for body in bodies[:2])
+
+    states = [missing(state["ball"]) for state in seen[::3]]
+    assert missing(result.bodies[2].nodes) <= 1.1 * min([*states, missing(bodies[2].nodes)]) + GAP
+
+
+def test_notes_of_what_looks_wrong():
+    told: list[str] = []
+    check_overclosure(pair((0.01, 0.0, 0.0)), tell=told.append)
+    assert any("nearly the same room" in note for note in told)
+    told.clear()
+    check_overclosure(pair(), OverclosureSettings(gap=8.0), tell=told.append)
+    assert any("unit" in note for note in told)
+
+
+def test_a_body_in_another_unit_is_told_once():
+    told: list[str] = []
+    bodies = [Body("large", sphere(2, 1000.0)), Body("small", sphere(2, 1.0))]
+    check_overclosure(bodies, OverclosureSettings(gap=0.5), tell=told.append)
+    assert ["unit of length?" in note for note in told] == [True], told
+    told.clear()
+    check_overclosure([bodies[0], Body("less", sphere(2, 500.0))], tell=told.append)
+    assert not any("same room" in note for note in told), told  # it lies inside, and that is told as a pair
+
+
+def test_a_body_that_is_changed_by_more_than_half_is_told():
+    words = "of its volume; are the bodies in their places?"
+    result = remove_overclosure(pair((6.0, 0.5, 0.0), one=0.0))
+    one, two = result.bodies
+    assert two.xor > 0.5
+    assert f"two: the removal changed {two.xor:.0%} {words}" in result.notes
+    assert result.report()["warnings"] == list(result.notes)
+    assert not any(note.startswith("one:") for note in result.notes) and one.xor == 0
+    result = remove_overclosure(pair())
+    assert max(body.xor for body in result.bodies) < 0.5
+    assert not any(words in note for note in result.notes)
+
+
+def test_after_a_wide_gap_the_pair_is_still_listed():
+    result = remove_overclosure(pair(), OverclosureSettings(gap=2.0))
+    assert result.certified
+    assert len(result.after) == 1
+    assert "the smallest gap is 2.0" in result.certificate
+
+
+@pytest.mark.parametrize("cells", [2, 3, 4])
+def test_coarse_cubes_in_line_are_freed_although_their_sides_lie_in_one_plane(cells):
+    """Nothing crosses at first, for sides in one plane only touch: the loop alone ends with crossings."""
+    one, two = shapes.box(cells=cells), shapes.box(cells=cells, low=(0.6, 0.0, 0.0))
+    result = remove_overclosure([Body("one", one), Body("two", two)])
+    assert result.certified, result.certificate
+    assert result.bodies[0].xor < 0.35
