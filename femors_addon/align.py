@@ -20,6 +20,8 @@ from .transforms import inverse, landmark_transform, transformed
 from .units import unit_factor
 
 TOLERANCE = 1e-5  # of the target's size: ICP ends when no sample moves by more
+DOUBT = "the part fits the whole in several places about equally well: look at the pose, or give landmarks"
+CHECK_STEPS = 40  # of ICP with all samples, before a mirror image is spoken of
 MIRROR_MARGIN = 0.85  # a mirrored fit must be better by this factor to be spoken of
 
 
@@ -139,13 +141,19 @@ def _choose_hand(
         lambda: best_start(work, own, kind, np.eye(4)),
         lambda: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
     )
+    doubt = (DOUBT,) if plain.doubtful else ()
     if plain.misfit <= work.tolerance or other.misfit > MIRROR_MARGIN * plain.misfit:
-        return plain.matrix, ()
-    better = 100 * (1 - other.misfit / plain.misfit)
+        return plain.matrix, doubt
+    # the search ends with few samples, and one of the two may have stopped short
+    one, two = icp(work, np.array([plain.matrix, other.matrix]), kind, CHECK_STEPS)
+    if two.misfit > MIRROR_MARGIN * one.misfit:
+        return plain.matrix, doubt
+    better = 100 * (1 - two.misfit / one.misfit)
     words = f"the source's mirror image fits the target better by {better:.0f} % (left against right?)"
     if fix:
-        return other.matrix, (words + "; it was mirrored",)
-    return plain.matrix, (words + "; tick Mirror if better to use it",)
+        doubt = (DOUBT,) if other.doubtful else ()
+        return other.matrix, (words + "; it was mirrored", *doubt)
+    return plain.matrix, (words + "; tick Mirror if better to use it", *doubt)
 
 
 def _refined(work: Registration, first: Float, kind: str, progress: Progress) -> Fit:

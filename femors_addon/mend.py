@@ -10,11 +10,11 @@ of a flat patch; and is laid back onto the target.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from . import triples
@@ -24,6 +24,7 @@ from .intersect import enclosing_balls, self_intersections
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
+from .patches import Part, better, evened, hanging, patch, turned
 from .progress import Progress, silent
 from .progress import part as section
 from .quality import aspect_ratio, flipped_faces
@@ -33,11 +34,12 @@ PATCHES = (1, 2, 3, 4, 6)  # edges around a bad face, one attempt after the othe
 ROUNDS = 8  # of averaging, per edge of the patch's width
 SLENDER, GROWTH = 10.0, 3.0  # aspect ratio, and times that of the source, beyond which a face is squeezed
 SQUEEZED = 0.1  # what a squeezed face counts beside one that is folded or crosses others
-LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away,
-FARTHEST = 1.5  # mean edges: and its nodes may go so far
-BACK = (3, 5, 8)  # edges around a bad face that step back: wider than patches that have failed before
+LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away
+BACK = (2, 3, 5, 8)  # edges around a bad face that step back
+TIMES = 12  # that a way is chosen: where bones have nothing in common each takes away a little, and long
+TURNS = (0.3, 1.5)  # heights that a face on its back is given when it is turned over, beside its own
+FARTHER, LOSS = 5.0, 0.05  # mean edges, and of the size: as the last resort
 APPROACHES, HOLDS = 6, 5  # half-way steps back to the target, and times that nodes of each may be held
-REACH = 16  # edges around the bad faces that may move: all patches, one after the other, reach as far
 CLOSE = 0.5  # mean edges: so near the target a node is laid on it whichever way it faces
 
 
@@ -91,75 +93,31 @@ def mended(
     if not len(wanting):
         return displacement, 0
     may = ~aligned.border if free is None else ~aligned.border & (free > 0)
-    part = _Part.around(wanting, moved, may)
-    work = _Patches(part.of(rest), Reference(part.of(aligned)), part, target, settings)
-    begun = positions[part.nodes]
-    pairs = self_intersections(part.of(moved))
+    work = _Patches.around(wanting, rest, aligned, positions, may, target, settings)
+    begun = positions[work.part.nodes]
+    pairs = self_intersections(work.part.of(moved))
     bad = work.badness(begun, pairs)
-    unseen = len(np.setdiff1d(known, part.faces[bad >= 1.0]))  # a component inside out, all of it
-    best, still = work.mend(begun, pairs, bad, CLOSE, section(progress, 0.0, 0.5))
+    unseen = len(np.setdiff1d(known, work.part.faces[bad >= 1.0]))  # a component inside out, all of it
+    best, still = work.mend(begun, pairs, bad, CLOSE, section(progress, 0.0, 0.3))
     if (still >= 1.0).any():
-        loose, after = work.mend(begun, pairs, bad, 0.0, section(progress, 0.5, 1.0))
+        loose, after = work.mend(begun, pairs, bad, 0.0, section(progress, 0.3, 0.6))
         if (after >= 1.0).sum() < (still >= 1.0).sum():
             best, still = loose, after
     if (still >= 1.0).any():
-        best, still = work.step_back(best, still)
-    changed = (best != begun).any(axis=1)  # rounding must not move the others
-    out = displacement.copy()
-    out[part.nodes[changed]] = best[changed] - aligned.vertices[part.nodes[changed]]
-    return out, unseen + int((still >= 1.0).sum())
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Part:
-    """The part of a mesh that mending can touch, with all that its faces may come to cross.
-
-    Attributes
-    ----------
-    nodes, faces : (k,), (j,) int32
-        Rows in the whole mesh, ascending.
-    corners : (j, 3) int32
-        Corners of the faces as rows of `nodes`.
-    may : (k,) bool
-        Nodes that may move.
-    whole : (j,) bool
-        Faces whose corners have all their faces here, so that folds can be told.
-    edge : float
-        Mean edge of the whole mesh, and
-    count : int
-        its nodes.
-    """
-
-    nodes: Int
-    faces: Int
-    corners: Int
-    may: np.ndarray
-    whole: np.ndarray
-    edge: float
-    count: int
-
-    @classmethod
-    def around(cls, wanting: Int, moved: Surface, may: np.ndarray) -> _Part:
-        """The part around the faces that want mending."""
-        inside = _patch(moved, wanting, REACH)
-        wide = _patch(moved, wanting, REACH + 1)
-        moving = triples.some((inside & may).take(moved.faces))
-        centre, radius = enclosing_balls(moved.corners)
-        edge, used = moved.mean_edge, np.flatnonzero(moving)
-        near = triples.some(wide.take(moved.faces))
-        if len(used):
-            # a face may go so far, and grow by twice that
-            limit = radius + radius[used].max() + 3.0 * FARTHEST * edge
-            away = cKDTree(centre[used]).query(centre, distance_upper_bound=float(limit.max()) * 1.01)[0]
-            near |= away <= limit
-        faces = np.flatnonzero(near).astype(np.int32)
-        nodes, corners = triples.renumbered(moved.faces[faces], len(moved.vertices))
-        whole = triples.every(wide.take(moved.faces[faces]))
-        return cls(nodes, faces, corners, (inside & may)[nodes], whole, edge, len(moved.vertices))
-
-    def of(self, surface: Surface) -> Surface:
-        """The part of the mesh at some positions."""
-        return Surface(surface.vertices[self.nodes], self.corners)
+        best, still = work.step_back(best, still, section(progress, 0.6, 0.8))
+    out = work.carried(positions, best)
+    if (still >= 1.0).any():  # fit is given up where it takes that
+        left = work.part.faces[still >= 1.0]
+        far = max(work.part.far, min(FARTHER * moved.mean_edge, LOSS * target.surface.diagonal))
+        work = _Patches.around(left, rest, aligned, out, may, target, settings, far)
+        begun = out[work.part.nodes]
+        bad = work.badness(begun, self_intersections(work.part.of(aligned.moved(out))))
+        best, still = work.step_back(begun, bad, section(progress, 0.8, 1.0))
+        out = work.carried(out, best)
+    changed = (out != positions).any(axis=1)  # rounding must not move the others
+    after = displacement.copy()
+    after[changed] = out[changed] - aligned.vertices[changed]
+    return after, unseen + int((still >= 1.0).sum())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -168,9 +126,31 @@ class _Patches:
 
     rest: Surface
     reference: Reference
-    part: _Part
+    part: Part
     target: SurfaceIndex
     settings: MorphSettings
+
+    @classmethod
+    def around(
+        cls,
+        wanting: Int,
+        rest: Surface,
+        aligned: Surface,
+        positions: Float,
+        may: np.ndarray,
+        target: SurfaceIndex,
+        settings: MorphSettings,
+        far: float | None = None,
+    ) -> _Patches:
+        """What it takes to mend the faces `wanting` of the mesh at `positions` (n, 3)."""
+        part = Part.around(wanting, aligned.moved(positions), may, far)
+        return cls(part.of(rest), Reference(part.of(aligned)), part, target, settings)
+
+    def carried(self, positions: Float, mended: Float) -> Float:
+        """Return all positions (n, 3), those of the part (k, 3) being `mended`."""
+        out = positions.copy()
+        out[self.part.nodes] = mended
+        return out
 
     @property
     def aligned(self) -> Surface:
@@ -190,42 +170,74 @@ class _Patches:
             at = np.flatnonzero(bad if close else bad >= 1.0)
             if not len(at):
                 break
-            inside = _patch(self.aligned, at, rings) & self.part.may
+            inside = patch(self.aligned, at, rings) & self.part.may
             trial = self._spread_out(positions, np.flatnonzero(inside), rings, close)
             after = self.badness(trial, self._crossed(pairs, positions, trial))
-            better = _better(self.aligned, inside, bad, after)
-            better &= self._small(inside, np.linalg.norm(trial - positions, axis=1), LARGEST)
-            trial, after, crossed = self._partly(positions, pairs, trial, better)
+            fewer = better(self.aligned, inside, bad, after)
+            fewer &= self._small(inside, np.linalg.norm(trial - positions, axis=1), LARGEST)
+            trial, after, crossed = self._partly(positions, pairs, trial, fewer)
             if after.sum() < bad.sum():
                 positions, bad, pairs = trial, after, crossed
         return positions, bad
 
-    def step_back(self, positions: Float, bad: Float) -> tuple[Float, Float]:
-        """Take the patches around bad faces off the target; return positions (k, 3) and what is bad (j,).
+    def step_back(self, positions: Float, bad: Float, progress: Progress = silent) -> tuple[Float, Float]:
+        """Mend what is left at the cost of the fit; return positions (k, 3) and what is bad (j,).
 
-        `aligned` has neither folds nor crossings that are not its own, and a harmonic displacement makes none
-        as long as it differs little from node to node. Patches go back where they were if that takes a node
-        farther than `FARTHEST` mean edges: it would be another fault.
+        All the ways that there are (`_ways`) are tried on the patches around bad faces and the best is
+        taken, until nothing is bad or no way helps; then nodes return towards the target as far as no face
+        gets worse. Nothing goes farther than `part.far` from where it was, which would be another fault.
         """
         pairs = self_intersections(self.aligned.moved(positions))
         mean = averaging(self.aligned)
-        for rings in BACK:
-            at = np.flatnonzero(bad >= 1.0)
-            if not len(at):
+        begun, most = positions, max(int((bad >= 1.0).sum()), 1)
+        for _ in range(TIMES):
+            if not (bad >= 1.0).any():
                 break
-            inside = _patch(self.aligned, at, rings) & self.part.may
-            away = harmonic(positions - self.aligned.vertices, inside, mean, rings)
-            trial = np.where(inside[:, None], self.aligned.vertices + away, positions)
+            progress(1.0 - (bad >= 1.0).sum() / most, "stepping back from the target")
+            found = self._best(begun, positions, pairs, bad, mean)
+            if found is None:
+                break
+            positions, bad, pairs = found
+        nodes = np.flatnonzero((positions != begun).any(axis=1))
+        nearer, after, _ = self._approached(positions, bad, pairs, nodes)
+        far = triples.length(nearer - begun).max(initial=0.0) > self.part.far
+        return (positions, bad) if far else (nearer, after)
+
+    def _best(
+        self, begun: Float, positions: Float, pairs: Int, bad: Float, mean: sparse.csr_matrix
+    ) -> tuple[Float, Float, Int] | None:
+        """The state after that way of stepping back that leaves least bad; None where none leaves less."""
+        best, least = None, (int((bad >= 1.0).sum()), float(bad.sum()))
+        for trial, inside in self._ways(positions, np.flatnonzero(bad >= 1.0), mean):
+            if not (trial != positions).any():
+                continue
             after = self.badness(trial, self._crossed(pairs, positions, trial))
-            better = _better(self.aligned, inside, bad, after)
-            trial, after, crossed = self._partly(positions, pairs, trial, better)
-            nodes = np.flatnonzero((trial != positions).any(axis=1))
-            trial, after, crossed = self._approached(trial, after, crossed, nodes)
-            near = self._small(inside, np.linalg.norm(trial - positions, axis=1), 1.0)
-            trial, after, crossed = self._partly(positions, pairs, trial, near)
-            if after.sum() < bad.sum():
-                positions, bad, pairs = trial, after, crossed
-        return positions, bad
+            fewer = better(self.aligned, inside, bad, after)
+            fewer &= self._small(inside, triples.length(trial - begun), 1.0)
+            state = self._partly(positions, pairs, trial, fewer)
+            left = (int((state[1] >= 1.0).sum()), float(state[1].sum()))
+            if left < least:
+                best, least = state, left
+        return best
+
+    def _ways(self, positions: Float, at: Int, mean: sparse.csr_matrix) -> Iterator[tuple[Float, np.ndarray]]:
+        """Positions (k, 3) to try against the bad faces `at`, each with the nodes (k,) that it moves.
+
+        A single face that lies on its back is turned over a side; patches are evened out; or they go back
+        off the target: `aligned` has neither folds nor crossings that are not its own, and a harmonic
+        displacement makes none as long as it differs little from node to node.
+        """
+        may = self.part.may
+        ring = patch(self.aligned, at, 1) & may
+        moved = self.aligned.moved(positions)
+        for share in TURNS:
+            for side in range(3):
+                yield np.where(ring[:, None], turned(moved, at, side, share), positions), ring
+        for rings in BACK:
+            inside = patch(self.aligned, at, rings) & may
+            away = harmonic(positions - self.aligned.vertices, inside, mean, rings)
+            yield np.where(inside[:, None], self.aligned.vertices + away, positions), inside
+            yield evened(self.aligned, positions, np.flatnonzero(inside), ROUNDS * rings), inside
 
     def _approached(self, positions: Float, bad: Float, pairs: Int, nodes: Int) -> tuple[Float, Float, Int]:
         """Move nodes towards the target as long as no face gets worse; return the state that they reach."""
@@ -242,7 +254,7 @@ class _Patches:
                 if not len(worse):
                     positions, bad, pairs = trial, after, crossed
                     break
-                held |= _patch(self.aligned, worse, 1)
+                held |= patch(self.aligned, worse, 1)
         return positions, bad, pairs
 
     def _compatible(self, positions: Float, nodes: Int, close: float = 0.0) -> tuple[Float, np.ndarray]:
@@ -263,13 +275,9 @@ class _Patches:
         Those that lie within `close` mean edges of it are laid on it again and again, whichever way they
         face; without, only those that face as the target does, and once, at the end.
         """
-        aligned = self.aligned
-        rows = aligned.adjacency[nodes]
-        rows = sparse.diags(1.0 / np.maximum(np.asarray(rows.sum(axis=1)).ravel(), 1.0)) @ rows
-        out = positions.copy()
+        out = positions
         for number in range(1, rings + 1):
-            for _ in range(ROUNDS):
-                out[nodes] = 0.5 * (out[nodes] + rows @ out)
+            out = evened(self.aligned, out, nodes, ROUNDS)
             if close or number == rings:
                 point, kept = self._compatible(out, nodes, close)
                 step = point[kept] - out[nodes[kept]]
@@ -286,13 +294,13 @@ class _Patches:
 
     def _small(self, inside: np.ndarray, movement: Float, largest: float) -> np.ndarray:
         """False (k,) for the nodes of patches that have more than that share of all, or move far."""
-        patch, count = _hanging(self.aligned, inside)
-        size = np.bincount(patch, minlength=count + 1)
+        label, count = hanging(self.aligned, inside)
+        size = np.bincount(label, minlength=count + 1)
         far = np.zeros(count + 1)
-        np.maximum.at(far, patch, movement)
-        small = (size <= largest * self.part.count) & (far <= FARTHEST * self.part.edge)
+        np.maximum.at(far, label, movement)
+        small = (size <= largest * self.part.count) & (far <= self.part.far)
         small[count] = True
-        return np.asarray(small[patch])
+        return np.asarray(small[label])
 
     def _crossed(self, pairs: Int, before: Float, after: Float) -> Int:
         """Return the pairs of faces (k, 2) that cross, where `pairs` did before some nodes moved.
@@ -332,34 +340,3 @@ class _Patches:
 def _squeezed(rest: Surface, moved: Surface) -> np.ndarray:
     """True (m,) for the faces far more slender than they were."""
     return aspect_ratio(moved) > np.maximum(SLENDER, GROWTH * aspect_ratio(rest))
-
-
-def _patch(surface: Surface, faces: Int, rings: int) -> np.ndarray:
-    """True (n,) for the nodes within `rings` edges of the faces, their own corners being the first."""
-    inside = np.zeros(len(surface.vertices), dtype=bool)
-    inside[surface.faces[faces].ravel()] = True
-    for _ in range(rings - 1):
-        inside |= surface.adjacency @ inside.astype(float) > 0
-    return inside
-
-
-def _hanging(surface: Surface, inside: np.ndarray) -> tuple[Int, int]:
-    """Number (n,) of the patch that each node is in, and how many there are; the last stands for none."""
-    nodes = np.flatnonzero(inside)
-    count, label = csgraph.connected_components(surface.adjacency[nodes][:, nodes], directed=False)
-    patch = np.full(len(inside), count, dtype=np.int32)
-    patch[nodes] = label
-    return patch, int(count)
-
-
-def _better(surface: Surface, inside: np.ndarray, before: Float, after: Float) -> np.ndarray:
-    """True (n,) for the nodes of patches, each hanging together, that are less bad than before."""
-    patch, count = _hanging(surface, inside)
-
-    def tally(badness: Float) -> Float:
-        counted = np.bincount(patch[surface.faces].ravel(), np.repeat(badness, 3), count + 1)
-        return np.asarray(counted, dtype=float)
-
-    fewer = tally(after) < tally(before) - 1e-9
-    fewer[count] = True
-    return np.asarray(fewer[patch])

@@ -31,6 +31,7 @@ from .morph_outcome import Outcome, compared_before, result_of
 from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
 from .morph_work import Work
+from .outgrowths import reached
 from .progress import FemorsError, Preview, Progress, part, silent
 from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, stages
@@ -163,6 +164,8 @@ def _moved(
     displacement, left, landed = settle(
         rest, reference, displacement, index, free, settings, settling, watch.dense
     )
+    if settings.partial == "none" and settings.projection == 1.0:
+        displacement, left, landed = reached(reference, (displacement, left, landed), index, free, settings)
     displacement, bad = mended(rest, reference, displacement, index, free, settings, mending, left)
     watch.dense(displacement)
     if weight is not None:

@@ -156,7 +156,9 @@ def result_of(
         )
     crossed = after.self_intersecting - before.self_intersecting
     edge = max(outcome.aligned.mean_edge, target.mean_edge)
-    converged, reason = verdict(after, settings, target.diagonal, edge, weights is not None)
+    converged, reason = verdict(
+        outcome.to_target, back.distance, settings, target.diagonal, edge, weights is not None
+    )
     progress(1.0, "done")
     return MorphResult(
         vertices=vertices,
@@ -309,26 +311,42 @@ def misfit_around(
 
 
 def verdict(
-    after: Comparison, settings: MorphSettings, size: float, edge: float, weighted: bool
+    to_target: Float, from_target: Float, settings: MorphSettings, size: float, edge: float, weighted: bool
 ) -> tuple[bool, str]:
     """Whether the surfaces have come together, and in which words.
 
     A fit is reached when 99 % of each surface is within an edge and a little of the other. The face
     that closes a cut has no counterpart: a partial mesh is judged by its median.
+
+    Parameters
+    ----------
+    to_target, from_target : (n,), (k,) float64
+        Distances of the morphed nodes to the target's surface, and of its nodes to the morphed surface.
+    settings : MorphSettings
+    size, edge : float
+        Of the target, and the mean edge of the coarser of the two.
+    weighted : bool
+        Whether nodes were held back.
     """
     if weighted:
         return True, "done, as far as the weights let the source move"
     limit = edge + REACH * size
-    part, name = ("99 %", "p99") if settings.partial == "none" else ("half", "median")
-    gaps = []
+    asked, name = (99.0, "99 %") if settings.partial == "none" else (50.0, "half")
+    gaps: list[tuple[float, str, str, Float]] = []
     if settings.partial != "target":
-        gaps.append(("the result", "the target", getattr(after.surface_to_target, name)))
+        gaps.append((_percentile(to_target, asked), "the result", "the target", to_target))
     if settings.partial != "source":
-        gaps.append(("the target", "the result", getattr(after.target_to_surface, name)))
-    here, there, gap = max(gaps, key=lambda entry: entry[2])
+        gaps.append((_percentile(from_target, asked), "the target", "the result", from_target))
+    gap, here, there, away = max(gaps, key=lambda entry: entry[0])
     gap = gap if gap > ROUNDED * size else 0.0  # rounding is nothing to report
     if gap > limit:
-        return False, f"not converged: only {part} of {here} is within {gap:.3g} of {there}"
+        share = min(100.0 * np.mean(away <= limit), asked - 0.1)
+        short = f"{share:.1f} % of {here} is within {limit:.3g} of {there}, where {name} should be"
+        return False, f"not converged: {short} ({name} is within {gap:.3g})"
     if settings.partial != "none":
         return True, f"converged over the shared part: half of {here} is within {gap:.3g} of {there}"
     return True, f"converged: 99 % of each surface is within {gap:.3g} of the other"
+
+
+def _percentile(values: Float, share: float) -> float:
+    return float(np.percentile(values, share)) if len(values) else 0.0

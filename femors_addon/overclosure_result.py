@@ -164,7 +164,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes, *_folds(bodies), *_changes(bodies)),
+        notes=(*notes, *_folds(bodies), *_changes(bodies, solids)),
     )
 
 
@@ -218,13 +218,13 @@ def _folds(bodies: Sequence[BodyResult]) -> list[str]:
     ]
 
 
-def _changes(bodies: Sequence[BodyResult]) -> list[str]:
+def _changes(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str]:
     """Tell of bodies that are hardly themselves any more."""
     notes = []
-    for body in bodies:
+    for body, solid in zip(bodies, solids, strict=True):
         before, after = body.volume
         change = body.xor
-        if change is None and before > 0:
+        if change is None and before > 0 and not solid.open_edges:  # a sheet has no volume
             change = abs(after - before) / before
         if change is not None and change > MUCH:
             words = f"the removal changed {change:.0%} of its volume; are the bodies in their places?"

@@ -22,8 +22,19 @@ REFINED_STARTS = 10  # starts that are tried by ICP after the first look
 ROUNDS = ((5, 6), (10, 3))  # steps of ICP for each start, and how many are kept
 PARTIAL_STEPS = 25  # steps for each start where a mesh is partial, and all are kept
 FINAL_STARTS, FINAL_STEPS = 3, 25  # how many are tried to the end, and the steps for each
+DOUBTFUL_STARTS = 10  # the same, of a partial mesh that fits in several places about equally
+APART = 0.1  # of the smaller mesh's size: poses that differ by more are two
+RIVAL = 1.12  # times the best misfit: a pose as good as that may be the right one
 PLACES = 12  # parts of the whole that a partial mesh is laid on
 PART_NODES = 12  # a part has at least so many nodes
+
+
+class Start(NamedTuple):
+    """Where an alignment starts."""
+
+    matrix: Float  # (4, 4) the source's transform
+    misfit: float  # root mean square distance that it leaves
+    doubtful: bool  # whether quite another pose of a partial mesh fits about as well
 
 
 class Frame(NamedTuple):
@@ -51,7 +62,7 @@ def canonical_frame(nodes: Float) -> Float:
     return homogeneous(axes.T, -axes.T @ centre)
 
 
-def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Fit:
+def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Start:
     """Compare the starts by one look, the best of them by ICP; return the best of all.
 
     Parameters
@@ -76,8 +87,22 @@ def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Fit:
         found = sorted(tried, key=lambda fit: fit.misfit)[:kept]
     # where parts look alike only the details tell
     closer, last = (scouts, kind) if whole else (rough, "rigid")
-    final = icp(closer, _transforms(found[:FINAL_STARTS]), last, FINAL_STEPS)
-    return min(final, key=lambda fit: fit.misfit)
+    doubtful = not whole and _rivalled(work, found)
+    count = DOUBTFUL_STARTS if doubtful else FINAL_STARTS
+    final = icp(closer, _transforms(found[:count]), last, FINAL_STEPS)
+    return Start(*min(final, key=lambda fit: fit.misfit), doubtful)
+
+
+def _rivalled(work: Registration, fits: list[Fit]) -> bool:
+    """Whether one of the fits, best first, is about as good as the first and quite another pose."""
+    sample = work.source.sample
+    size = min(float(np.linalg.norm(np.ptp(cloud.sample, axis=0))) for cloud in (work.source, work.target))
+    best = transformed(fits[0].matrix, sample)
+    rivals = [fit.matrix for fit in fits[1:] if fit.misfit < RIVAL * fits[0].misfit]
+    return any(
+        np.sqrt(((transformed(matrix, sample) - best) ** 2).sum(axis=1).mean()) > APART * size
+        for matrix in rivals
+    )
 
 
 def _transforms(fits: list[Fit]) -> Float:

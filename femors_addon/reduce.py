@@ -9,7 +9,7 @@ import fast_simplification
 import numpy as np
 
 from .cleaning import clean
-from .mesh import Surface
+from .mesh import Float, Surface
 from .progress import FemorsError
 from .thinning import thinned
 
@@ -28,6 +28,12 @@ anything, and all nodes but those of its outline would go. Far below what the re
 
 DENSE, FEWER = 150_000, 3.5
 """Nodes of a mesh that is thinned, and how many times fewer are wanted at least: it leaves one of 4.3."""
+
+STRETCHED = 10.0
+"""Extent of the edges along their first axis by that along the second, beyond which a mesh is evened out
+before: no collapse is left where all triangles are needles (from a stretch by 20 on). Bones have up to 8."""
+
+FLAT = 1e-9  # the same: all in a line
 
 _alone = threading.Lock()  # it keeps the mesh in variables of the whole process
 
@@ -53,6 +59,10 @@ def reduced(surface: Surface, nodes: int) -> Surface:
     faces = max(int(len(surface.faces) * nodes / len(surface.vertices)), 8)
     if faces >= len(surface.faces):
         return surface
+    even = _evening(surface)
+    if even is not None:
+        inner = reduced(surface.moved(surface.vertices @ even), nodes)
+        return inner.moved(inner.vertices @ np.linalg.inv(even))
     low, high = surface.bounds
     centre, scale = (low + high) / 2, max(surface.mean_edge / GRAIN, np.finfo(float).tiny)
     rough = ROUGHNESS * surface.mean_edge * random.choice([-1.0, 1.0], (len(surface.vertices), 1))
@@ -71,6 +81,21 @@ def reduced(surface: Surface, nodes: int) -> Surface:
         return clean(points.astype(np.float64) * scale + centre, triangles, "reduced mesh").surface
     except FemorsError:
         return surface
+
+
+def _evening(surface: Surface) -> Float | None:
+    """Symmetric map (3, 3) that makes edges as long along their first axis as along the second.
+
+    None where they nearly are. The third axis is let alone: it is across a sheet.
+    """
+    one, two = surface.edges.T
+    edge = surface.vertices[one] - surface.vertices[two]
+    square, axes = np.linalg.eigh(edge.T @ edge)
+    _, second, longest = np.sqrt(np.maximum(square, 0.0))
+    if longest <= STRETCHED * second or second <= FLAT * longest:
+        return None
+    even: Float = np.eye(3) + (second / longest - 1.0) * np.outer(axes[:, 2], axes[:, 2])
+    return even
 
 
 def pyramid(surface: Surface, counts: list[int]) -> list[Surface]:

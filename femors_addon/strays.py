@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .cleaning import Cleaned
-from .mesh import Surface
+from .mesh import Float, Surface
+from .nearest import SurfaceIndex
 from .orientation import FLAT
 
 ISLAND = 0.01  # of the surface's area: a lump of a tenth of the width of the whole has as much
@@ -76,13 +77,30 @@ def _islands(surface: Surface) -> NDArray[np.bool_]:
     small = area < ISLAND * area.sum()
     if not small.any() or area[small].sum() > IN_ALL * area.sum():
         return np.zeros(len(area), dtype=bool)
-    rest = np.unique(surface.faces[~small[component]])
-    faces = np.flatnonzero(small[component])
-    corners = surface.faces[faces]
-    away = cKDTree(surface.vertices[rest]).query(surface.vertices[corners.ravel()])[0].reshape(-1, 3)
-    nearest = np.full(len(area), np.inf)
-    np.minimum.at(nearest, component[faces], triples.least(away))
+    nearest = _apart(surface, small[component])
     return np.asarray(small & (nearest > surface.mean_edge))
+
+
+def _apart(surface: Surface, chosen: NDArray[np.bool_]) -> Float:
+    """Distance (c,) from each component's `chosen` faces (m,) to the others, at the vertices of either."""
+    faces = np.flatnonzero(chosen)
+    ours, theirs = surface.faces[faces], surface.faces[~chosen]
+    nearest = np.full(surface.components.max() + 1, np.inf)
+    vertex = np.unique(ours)
+    away = np.zeros(len(surface.vertices))
+    away[vertex] = SurfaceIndex(Surface(surface.vertices, theirs)).closest(surface.vertices[vertex]).distance
+    np.minimum.at(nearest, surface.components[faces], triples.least(away[ours]))
+    # a large face may pass a vertex of the others far from its own corners
+    reach = surface.mean_edge + np.sqrt(triples.longest_squared(surface.corners[faces]).max())
+    vertex = np.unique(theirs)
+    near = cKDTree(surface.vertices[np.unique(ours)]).query(
+        surface.vertices[vertex], distance_upper_bound=reach
+    )
+    back = SurfaceIndex(Surface(surface.vertices, ours)).closest(
+        surface.vertices[vertex[np.isfinite(near[0])]]
+    )
+    np.minimum.at(nearest, surface.components[faces[back.face]], back.distance)
+    return nearest
 
 
 def _cavities(surface: Surface) -> NDArray[np.bool_]:

@@ -223,16 +223,24 @@ def _as_it_ended(
     moved[ours.vertex_map[used]] = vertices[used]
     distance, off = index.closest(vertices).distance, index.closest(moved).distance
     last = ours.surface.moved(moved)
-    after = compare(ours.surface, last, theirs.surface, target_index=index, to_target=off)
+    back = SurfaceIndex(last).closest(theirs.surface.vertices)
+    after = compare(
+        ours.surface,
+        last,
+        theirs.surface,
+        target_index=index,
+        to_target=off,
+        from_target=back.distance,
+    )
     size, edge = theirs.surface.diagonal, max(last.mean_edge, theirs.surface.mean_edge)
-    converged, reason = verdict(after, result.settings, size, edge, weighted)
+    converged, reason = verdict(off, back.distance, result.settings, size, edge, weighted)
     aligned = transformed(result.transform, surface.vertices)
     field = dataclasses.replace(result.field, displacements=moved - result.field.centres)
     return dataclasses.replace(
         result,
         vertices=vertices,
         field=field,
-        residual=misfit_around(last, off, theirs.surface, None, result.settings.partial),
+        residual=misfit_around(last, off, theirs.surface, back, result.settings.partial),
         surface_distance=distance,
         displacement=np.linalg.norm(vertices - aligned, axis=1),
         after=after,

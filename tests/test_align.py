@@ -9,12 +9,13 @@ from scipy.spatial.transform import Rotation
 from surfaces import cut
 
 from femors_addon import shapes
-from femors_addon.align import align
+from femors_addon.align import DOUBT, align
 from femors_addon.icp import Cloud, Registration, icp, matched
 from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.transforms import homogeneous, inverse, landmark_transform, transformed
+from femors_addon.triples import renumbered
 from femors_addon.units import unit_factor
 
 SHEAR = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.02, 0.0, 1.2]])
@@ -247,6 +248,7 @@ def test_a_part_finds_its_place_on_the_whole(bones, part, seed):
     result = align(placed(start, piece), target, "rigid", partial="source")
     assert off(result.matrix @ start, piece.vertices, piece.vertices, target.diagonal) < 6e-3
     assert result.residual < target.mean_edge
+    assert DOUBT not in result.warnings
 
 
 @pytest.mark.parametrize("seed", [0, 2])
@@ -262,6 +264,20 @@ def test_the_whole_finds_its_place_on_a_part(bones, part, seed):
     points = source.vertices[there]
     assert off(result.matrix @ start, points, points, target.diagonal) < 6e-3
     assert result.residual < target.mean_edge
+
+
+def test_it_is_told_where_a_part_fits_in_several_places(bones):
+    """A cap fits a ball everywhere; of a bone the pose is certain, and landmarks leave no doubt."""
+    ball = shapes.sphere(4)
+    cap = Surface(ball.vertices, ball.faces[(ball.corners[:, :, 2] > 0.3).all(axis=1)])
+    kept, faces = renumbered(cap.faces, len(cap.vertices))
+    cap = Surface(ball.vertices[kept], faces)
+    assert DOUBT in align(placed(pose(3), cap), ball, "rigid", partial="source").warnings
+    assert DOUBT in align(ball, placed(pose(3), cap), "rigid", partial="target").warnings
+    points = cap.vertices[:4]
+    marked = align(cap, ball, "rigid", partial="source", landmarks=(points, points))
+    assert DOUBT not in marked.warnings
+    assert DOUBT not in align(ball, ball, "rigid").warnings  # of whole meshes it is not asked
 
 
 @pytest.mark.parametrize("part", PARTS)

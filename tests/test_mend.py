@@ -7,10 +7,11 @@ import pytest
 from femors_addon import morph as morphing
 from femors_addon.folds import Reference, bad_faces
 from femors_addon.intersect import self_intersections
-from femors_addon.mend import FARTHEST, REACH, _Part, _Patches, mended
+from femors_addon.mend import _Patches, mended
 from femors_addon.mesh import Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.patches import FARTHEST, REACH, Part
 from femors_addon.progress import Cancelled
 from femors_addon.quality import aspect_ratio, flipped_faces
 from femors_addon.shapes import sphere
@@ -84,7 +85,7 @@ def test_crossings_around_what_moved_are_those_of_the_whole(ball, seed):
     after = rough.copy()
     nodes = rng.integers(0, len(rough), 30)
     after[nodes] += 3.0 * fine.mean_edge * rng.normal(size=(30, 3))
-    every = _Part.around(np.arange(len(fine.faces)), fine, np.ones(len(rough), bool))
+    every = Part.around(np.arange(len(fine.faces)), fine, np.ones(len(rough), bool))
     work = _Patches(fine, Reference(fine), every, SurfaceIndex(fine), MorphSettings())
     got = work._crossed(pairs, rough, after)
     whole = self_intersections(fine.moved(after))
@@ -107,12 +108,12 @@ def test_a_part_of_a_large_mesh_is_mended_as_the_whole_is(monkeypatch):
     moved = both.moved(both.vertices + displacement)
     bad = bad_faces(Reference(both), moved)
     assert len(bad) > 5 and bad.max() >= len(outer.faces)
-    part = _Part.around(bad, moved, np.ones(len(both.vertices), bool))
+    part = Part.around(bad, moved, np.ones(len(both.vertices), bool))
     assert len(part.faces) < 0.4 * len(both.faces)
     assert (part.faces >= len(outer.faces)).any()
     target = SurfaceIndex(both)
     near = mended(both, Reference(both), displacement, target, None, MorphSettings(), left=bad)
-    monkeypatch.setattr("femors_addon.mend.REACH", 10 * REACH)
+    monkeypatch.setattr("femors_addon.patches.REACH", 10 * REACH)
     whole = mended(both, Reference(both), displacement, target, None, MorphSettings(), left=bad)
     np.testing.assert_array_equal(near[0], whole[0])
     assert near[1] == whole[1]
@@ -141,7 +142,7 @@ def test_nodes_that_may_not_move_stay(ball):
 def _patches(ball, pull):
     """Patches that may be anywhere, the positions to be mended, and how bad each face is there."""
     positions = ball.vertices + _pulled(ball, pull)[1]
-    every = _Part.around(np.arange(len(ball.faces)), ball, np.ones(len(positions), bool))
+    every = Part.around(np.arange(len(ball.faces)), ball, np.ones(len(positions), bool))
     work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
     return work, positions, work.badness(positions, self_intersections(ball.moved(positions)))
 
@@ -164,6 +165,42 @@ def test_patches_that_would_step_back_too_far_stay(ball):
     after, left = work.step_back(positions, bad)
     np.testing.assert_array_equal(after, positions)
     np.testing.assert_array_equal(left, bad)
+
+
+def test_a_face_on_its_back_is_turned_over_and_nothing_else_moves(ball):
+    """Three neighbours far larger than it: patches evened out or moved back are of no use there."""
+    face = 300
+    corners = ball.faces[face]
+    displacement = np.zeros_like(ball.vertices)
+    here = ball.vertices[corners]
+    across = np.cross(ball.face_normals[face], here[1] - here[0])
+    across /= np.linalg.norm(across)
+    middle = here.mean(axis=0)
+    displacement[corners] = -1.1 * ((here - middle) @ across)[:, None] * across
+    positions = ball.vertices + displacement
+    assert list(flipped_faces(ball, ball.moved(positions))) == [face]
+    every = Part.around(np.arange(len(ball.faces)), ball, np.ones(len(positions), bool))
+    work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
+    bad = work.badness(positions, self_intersections(ball.moved(positions)))
+    after, left = work.step_back(positions, bad)
+    assert not (left >= 1).any()
+    assert not len(flipped_faces(ball, ball.moved(after)))
+    step = np.linalg.norm(after - positions, axis=1)
+    assert set(np.flatnonzero(step)) <= set(corners) and step.max() < 0.5 * ball.mean_edge
+
+
+def test_as_the_last_resort_nodes_go_farther(ball, monkeypatch):
+    _, displacement = _pulled(ball, 5.0)
+
+    def left():
+        after, bad = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings())
+        moved = ball.moved(ball.vertices + after)
+        assert (bad > 0) == (len(bad_faces(Reference(ball), moved)) > 0)
+        return bad
+
+    assert left() > 0  # five edges are much of so coarse a ball
+    monkeypatch.setattr("femors_addon.mend.LOSS", 0.3)
+    assert left() == 0
 
 
 def blade(halvings, thickness, turn, bend):
@@ -198,6 +235,6 @@ def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
         return after.flipped + after.self_intersecting
 
     with_it = bad()
-    monkeypatch.setattr(_Patches, "step_back", lambda self, positions, bad: (positions, bad))
+    monkeypatch.setattr(_Patches, "step_back", lambda self, positions, bad, *_: (positions, bad))
     without = bad()
     assert with_it < 0.3 * without, (with_it, without)  # 0 against 71

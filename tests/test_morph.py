@@ -16,6 +16,7 @@ from femors_addon import settings as declared
 from femors_addon import shapes
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
+from femors_addon.morph_outcome import verdict
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.quality import flipped_faces
@@ -107,6 +108,29 @@ def test_what_the_result_says_is_so(pair, morphed):
         for step in morphed.history
     )
     assert morphed.settings == MorphSettings()
+
+
+@pytest.mark.parametrize(
+    ("partial", "far", "words"),
+    [
+        ("none", 4, "not converged: 96.0 % of the result is within 1.2 of the target, where 99 % should be"),
+        ("none", 1, "converged: 99 % of each surface is within"),
+        (
+            "source",
+            60,
+            "not converged: 40.0 % of the result is within 1.2 of the target, where half should be",
+        ),
+        ("source", 40, "converged over the shared part: half of the result is within 0.5 of the target"),
+    ],
+)
+def test_the_verdict_says_what_share_is_near(partial, far, words):
+    near, some = np.full(100, 0.25), np.full(100, 0.5)
+    some[:far] = 7.0
+    some[:1] = 1.1 if far == 1 else 7.0
+    settings = MorphSettings(partial=partial)
+    converged, reason = verdict(some, near, settings, size=100.0, edge=1.0, weighted=False)
+    assert reason.startswith(words) and converged == words.startswith("converged")
+    assert converged or reason.endswith("is within 7)")
 
 
 def test_distances_beyond_a_partial_target_are_so_too(pair):

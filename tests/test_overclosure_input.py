@@ -49,6 +49,19 @@ def test_a_sheet_below_a_surface_is_told_what_it_lacks():
     )
 
 
+@pytest.mark.parametrize("kind", ["sheet", "plate"])
+def test_what_runs_through_the_middle_of_a_body_is_left_where_it_is(kind):
+    """It was bent by half the body's width, and then told that it does not go."""
+    disc = shapes.sphere(4, radius=16.0)
+    upper = disc.faces[(disc.corners[:, :, 2] >= -1e-9).all(axis=1)]
+    sheet = Surface(disc.vertices * (1.0, 1.0, 1e-3), upper)
+    through = sheet if kind == "sheet" else hexes((40, 40, 2), (30.0, 30.0, 0.5))
+    result = remove_overclosure([Body("ball", sphere(3)), Body("through", through)])
+    assert not result.certified and "deep" in result.certificate
+    assert ("'through' is open" in result.certificate) == (kind == "sheet")
+    assert result.untouched and not any("of its volume" in note for note in result.notes)
+
+
 def test_an_open_surface_is_told_and_parted():
     shell = sphere()
     keep = shell.vertices[shell.faces].mean(axis=1)[:, 2] < 6.0

@@ -44,6 +44,17 @@ def test_no_more_nodes_than_there_are(bone):
     assert reduced(bone, 10**9) is bone
 
 
+@pytest.mark.parametrize("stretch", [(30, 1, 1), (1, 100, 2), (1, 1, 1 / 30)])
+def test_needles_are_taken_away_too(stretch):
+    """Where all triangles are needles no collapse seemed to be left, and a level kept all its nodes."""
+    ball = shapes.sphere(4)
+    long = ball.moved(ball.vertices * stretch)
+    small = reduced(long, 500)
+    assert len(small.vertices) == pytest.approx(500, rel=0.05)
+    assert euler(small) == 2 and not small.border.any()
+    assert small.volume == pytest.approx(long.volume, rel=0.05)
+
+
 def test_the_unit_and_the_place_do_not_matter(bone):
     """The reducer itself works in single precision: a bone in metres, or far from the origin, as well."""
     plain = reduced(bone, 800)

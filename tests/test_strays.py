@@ -32,6 +32,13 @@ def island(at, radius=0.6):
     return ball.moved(radius * ball.vertices + np.array(at, dtype=float))
 
 
+def solid_block(side, at):
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))], dtype=np.int32)
+    return Surface(0.5 * side * corners + np.array(at), faces)
+
+
 def with_cavity(outer, share=0.85):
     return joined(outer, outer.moved(share * outer.vertices))
 
@@ -90,6 +97,20 @@ def test_parts_of_a_torn_surface_and_large_pieces_are_kept():
         shifted[len(whole.vertices) :] += 1e-3
         made = of(Surface(shifted, given.faces))
         assert without_strays(of(whole), made)[1] is made
+
+
+def test_what_touches_a_large_face_far_from_its_corners_is_no_island():
+    whole = egg(5)
+    block = solid_block(14.0, (40.0, 0.0, 0.0))
+    on_the_block = island((47.7, 0.0, 0.5))  # 0.1 off the middle of a face, 9.9 from its corners
+    triangle = np.array([[-3.0, -2.0, 0.0], [3.0, -2.0, 0.0], [0.0, 4.0, 0.0]])
+    on_the_egg = Surface(triangle + (0.0, 0.0, whole.vertices[:, 2].max() + 0.1), np.array([[0, 1, 2]]))
+    rest = joined(whole, block)
+    for piece in (on_the_block, on_the_egg):
+        made = of(joined(rest, piece))
+        assert without_strays(of(rest), made)[1] is made
+        away = of(joined(rest, piece.moved(piece.vertices + (2.0, 0.0, 2.0))))
+        assert without_strays(of(rest), away)[1] is not away
 
 
 def test_a_speck_in_both_is_no_counterpart():
