@@ -102,7 +102,7 @@ def drawn_out(
 
 
 def _missed(moved: Surface, target: Surface, limit: float) -> tuple[Float, Float]:
-    """Points (k, 3) of the source that fall short of the target's nodes by more than a limit, and vectors there."""
+    """Points (k, 3) of the source that fall short of nodes of the target by the limit, and vectors there."""
     nodes, none = target.vertices, np.empty((0, 3))
     # the surface is no farther than its nearest node
     rows = np.flatnonzero(cKDTree(moved.vertices).query(nodes)[0] > limit)
