@@ -73,7 +73,8 @@ class ShapeMatching:
     """
 
     def __init__(self, source: Surface) -> None:
-        self._corners, self._count = np.ascontiguousarray(source.faces.T), len(source.vertices)
+        # indices as NumPy wants them, or each call would make them so
+        self._corners, self._count = source.faces.T.astype(np.intp, order="C"), len(source.vertices)
         self._blocks = [slice(at, at + FACES) for at in range(0, len(source.faces), FACES)]
         flat = np.concatenate(
             [np.stack(self._flattened(source.vertices, b)[:2]) for b in self._blocks], axis=2
