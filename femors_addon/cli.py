@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from . import cli_convert, cli_landmarks, cli_morph, cli_overclosure, cli_quality, cli_transfer
 from .commandline import Console, Parser
+from .limits import MB, Limits, allow
 from .progress import FemorsError
 from .version import version
 
@@ -56,7 +58,8 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
         if args.command is None:
             parser.error(f"a command is needed: {', '.join(command.name for command in COMMANDS)}")
         console = Console(args.quiet)
-        code = args.command.run(args, console)
+        with _allowed(args.threads, args.memory):
+            code = args.command.run(args, console)
         if console.lost:
             done = "; the result is written" if console.written else ""
             console.warn(f"the figures could not be written to stdout ({console.lost}){done}")
@@ -78,6 +81,22 @@ def main(argv: Sequence[str] | None = None, prog: str = "femors") -> int:
         return DEFECT
     finally:
         console.close()
+
+
+@contextlib.contextmanager
+def _allowed(threads: int | None, memory: float | None) -> Iterator[None]:
+    """Keep to these limits for a while; what is not given stays, as Blender's preferences have it."""
+    if (threads or 0) < 0 or not (memory or 0.0) >= 0:
+        raise FemorsError("--threads and --memory must be 0 or more")
+    before = Limits.threads, Limits.memory
+    allow(
+        Limits.threads if threads is None else threads,
+        Limits.memory / MB if memory is None else memory,
+    )
+    try:
+        yield
+    finally:
+        Limits.threads, Limits.memory = before
 
 
 def _state(console: Console) -> str:
@@ -108,6 +127,18 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             "--quiet",
             action="store_true",
             help="no progress, notes or summary; reasons for codes 1 and 2 only",
+        )
+        sub.add_argument(
+            "--threads",
+            type=int,
+            metavar="N",
+            help="how many processors may be used at once, 0 for all; results do not depend on it (1)",
+        )
+        sub.add_argument(
+            "--memory",
+            type=float,
+            metavar="MB",
+            help="refuse what is estimated to need more, before it begins; 0 for no limit (0)",
         )
         sub.set_defaults(command=command, parser=sub)
     return parser

@@ -157,6 +157,7 @@ TICKS = {
     "tick Convert units": "pass --fix-units",
     "set Overlap": "pass --partial source (or target)",
     "tick Mirror if better": "pass --fix-mirror",
+    "the limit in the preferences": "the limit of --memory",
     "go the other way (inverse)": "go the other way (pass --inverse)",
     "go the other way (without inverse)": "go the other way (leave out --inverse)",
 }

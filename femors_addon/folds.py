@@ -13,6 +13,7 @@ from . import triples
 from .cached import cached_property
 from .intersect import self_intersections
 from .mesh import Float, Int, Surface
+from .progress import Progress, silent
 
 PATCHES = (1, 1, 2, 2, 3, 3, 4)  # edges around a bad face, one attempt after the other
 FLAT = 1e-3  # height by longest side: a face below it is pressed flat
@@ -37,7 +38,13 @@ class Reference:
     @cached_property
     def crossing(self) -> Int:
         """Faces (k,) int32 that cross others, ascending."""
-        return np.unique(self_intersections(self.surface))
+        return self.crossed(silent)
+
+    def crossed(self, progress: Progress) -> Int:
+        """Return `crossing`; where that is not known, with a word now and then."""
+        if "crossing" not in self.__dict__:
+            self.__dict__["crossing"] = np.unique(self_intersections(self.surface, progress))
+        return np.asarray(self.__dict__["crossing"])
 
 
 def folded(reference: Reference, moved: Surface) -> Int:

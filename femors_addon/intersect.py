@@ -26,6 +26,7 @@ from scipy.spatial import cKDTree
 from . import triples
 from .limits import in_threads
 from .mesh import Float, Int, Surface
+from .progress import Progress, silent
 
 Index = NDArray[np.int64]
 
@@ -90,7 +91,7 @@ def piercings(a: Surface, b: Surface) -> Piercings:
     return Piercings(edge[first].astype(np.int32), face[first].astype(np.int32), t[first])
 
 
-def crossings(a: Surface, b: Surface) -> Int:
+def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
     """Return the pairs (k, 2) int32 (face of `a`, face of `b`) that cross, in lexicographic order.
 
     Only what lies where the bounding boxes overlap is looked at. With ``b is a`` each pair is given
@@ -98,7 +99,7 @@ def crossings(a: Surface, b: Surface) -> Int:
     """
     planes_a, planes_b = Planes.of(a, b)
 
-    def test(search: _Search) -> Int:
+    def test(search: _Search) -> Index:
         out = [np.empty((0, 2), dtype=np.int64)]
         for pairs in search.candidates():
             f, g, f_over_g, g_over_f = straddling(planes_a, pairs[0], planes_b, pairs[1])
@@ -108,17 +109,20 @@ def crossings(a: Surface, b: Surface) -> Int:
             out.append(np.column_stack((f[rows], g[rows])))
         return np.concatenate(out)
 
-    none = np.empty((0, 2), dtype=np.int64)
-    pairs: Int = np.concatenate([none, *in_threads(test, _searches(a, b))])
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for some in in_threads(test, _searches(a, b)):
+        progress(0.5, "crossing faces")
+        found.append(some)
+    pairs = np.concatenate(found)
     if a is b:
         pairs.sort(axis=1)
     keys = np.unique(pairs[:, 0] * len(b.faces) + pairs[:, 1])
     return np.column_stack(np.divmod(keys, max(len(b.faces), 1))).astype(np.int32)
 
 
-def self_intersections(surface: Surface) -> Int:
+def self_intersections(surface: Surface, progress: Progress = silent) -> Int:
     """Return the pairs (k, 2) int32 of faces of a surface that cross, lower index first, in order."""
-    return crossings(surface, surface)
+    return crossings(surface, surface, progress)
 
 
 # --- the test ---------------------------------------------------------------------------------------

@@ -111,14 +111,14 @@ def _count(change: int) -> None:
 
 
 @contextmanager
-def aside(job: Callable[[Progress], R]) -> Iterator[Callable[[], R]]:
+def aside(job: Callable[[Progress], R], progress: Progress = silent) -> Iterator[Callable[[], R]]:
     """Begin a job beside what follows, and give what waits for its result.
 
-    It counts as one of the threads that are allowed; of one thread it is done when it is asked for. Where the
-    block is left before, it is told to stop by its `progress`, and waited for.
+    It counts as one of the threads that are allowed; of one thread it is done when it is asked for, and
+    reports to `progress`. Where the block is left before, it is stopped as it next reports, and waited for.
     """
     if Limits.threads < 2 or getattr(within, "thread", False):
-        yield lambda: job(silent)
+        yield lambda: job(progress)
         return
     left = threading.Event()
 

@@ -18,6 +18,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from . import triples
+from .cached import cached_property
 from .correspond import FACING, at_border, interpolated_normals
 from .folds import Reference, folded, harmonic
 from .intersect import enclosing_balls, self_intersections
@@ -35,6 +36,8 @@ ROUNDS = 8  # of averaging, per edge of the patch's width
 SLENDER, GROWTH = 10.0, 3.0  # aspect ratio, and times that of the source, beyond which a face is squeezed
 SQUEEZED = 0.1  # what a squeezed face counts beside one that is folded or crosses others
 LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away
+REACH = 16  # edges around a bad face that may move: all patches, one after the other, reach as far
+FARTHEST = 1.5  # mean edges: how far a node may go, or it would be another fault
 BACK = (2, 3, 5, 8)  # edges around a bad face that step back
 TIMES = 12  # that a way is chosen: where bones have nothing in common each takes away a little, and long
 TURNS = (0.3, 1.5)  # heights that a face on its back is given when it is turned over, beside its own
@@ -89,11 +92,12 @@ def mended(
     positions = aligned.vertices + displacement
     moved = aligned.moved(positions)
     known = np.union1d(left, flipped_faces(rest, moved))
-    wanting = np.union1d(known, np.flatnonzero(_squeezed(rest, moved))).astype(np.int32)
+    wanting = np.union1d(known, np.flatnonzero(aspect_ratio(moved) > _limits(rest))).astype(np.int32)
     if not len(wanting):
         return displacement, 0
     may = ~aligned.border if free is None else ~aligned.border & (free > 0)
-    work = _Patches.around(wanting, rest, aligned, positions, may, target, settings)
+    far = FARTHEST * moved.mean_edge
+    work = _Patches.around(wanting, rest, aligned, positions, may, target, settings, REACH, far)
     begun = positions[work.part.nodes]
     pairs = self_intersections(work.part.of(moved))
     bad = work.badness(begun, pairs)
@@ -103,16 +107,16 @@ def mended(
         loose, after = work.mend(begun, pairs, bad, 0.0, section(progress, 0.3, 0.6))
         if (after >= 1.0).sum() < (still >= 1.0).sum():
             best, still = loose, after
-    if (still >= 1.0).any():
-        best, still = work.step_back(best, still, section(progress, 0.6, 0.8))
     out = work.carried(positions, best)
-    if (still >= 1.0).any():  # fit is given up where it takes that
+    farther = max(far, min(FARTHER * moved.mean_edge, LOSS * target.surface.diagonal))
+    for limit, stage in ((far, (0.6, 0.8)), (farther, (0.8, 1.0))):
+        if not (still >= 1.0).any():  # else fit is given up where it takes that
+            break
         left = work.part.faces[still >= 1.0]
-        far = max(work.part.far, min(FARTHER * moved.mean_edge, LOSS * target.surface.diagonal))
-        work = _Patches.around(left, rest, aligned, out, may, target, settings, far)
+        work = _Patches.around(left, rest, aligned, out, may, target, settings, max(BACK), limit)
         begun = out[work.part.nodes]
         bad = work.badness(begun, self_intersections(work.part.of(aligned.moved(out))))
-        best, still = work.step_back(begun, bad, section(progress, 0.8, 1.0))
+        best, still = work.step_back(begun, bad, section(progress, *stage))
         out = work.carried(out, best)
     changed = (out != positions).any(axis=1)  # rounding must not move the others
     after = displacement.copy()
@@ -140,11 +144,17 @@ class _Patches:
         may: np.ndarray,
         target: SurfaceIndex,
         settings: MorphSettings,
-        far: float | None = None,
+        reach: int,
+        far: float,
     ) -> _Patches:
-        """What it takes to mend the faces `wanting` of the mesh at `positions` (n, 3)."""
-        part = Part.around(wanting, aligned.moved(positions), may, far)
+        """What it takes to mend the faces `wanting` of the mesh at `positions` (n, 3); see `Part.around`."""
+        part = Part.around(wanting, aligned.moved(positions), may, reach, far)
         return cls(part.of(rest), Reference(part.of(aligned)), part, target, settings)
+
+    @cached_property
+    def slender(self) -> Float:
+        """Aspect ratio (j,) beyond which each face is squeezed."""
+        return _limits(self.rest)
 
     def carried(self, positions: Float, mended: Float) -> Float:
         """Return all positions (n, 3), those of the part (k, 3) being `mended`."""
@@ -189,26 +199,32 @@ class _Patches:
         """
         pairs = self_intersections(self.aligned.moved(positions))
         mean = averaging(self.aligned)
-        begun, most = positions, max(int((bad >= 1.0).sum()), 1)
+        begun = positions
         for _ in range(TIMES):
             if not (bad >= 1.0).any():
                 break
-            progress(1.0 - (bad >= 1.0).sum() / most, "stepping back from the target")
-            found = self._best(begun, positions, pairs, bad, mean)
+            found = self._best(begun, positions, pairs, bad, mean, progress)
             if found is None:
                 break
             positions, bad, pairs = found
         nodes = np.flatnonzero((positions != begun).any(axis=1))
-        nearer, after, _ = self._approached(positions, bad, pairs, nodes)
+        nearer, after, _ = self._approached(positions, bad, pairs, nodes, progress)
         far = triples.length(nearer - begun).max(initial=0.0) > self.part.far
         return (positions, bad) if far else (nearer, after)
 
     def _best(
-        self, begun: Float, positions: Float, pairs: Int, bad: Float, mean: sparse.csr_matrix
+        self,
+        begun: Float,
+        positions: Float,
+        pairs: Int,
+        bad: Float,
+        mean: sparse.csr_matrix,
+        progress: Progress,
     ) -> tuple[Float, Float, Int] | None:
         """The state after that way of stepping back that leaves least bad; None where none leaves less."""
         best, least = None, (int((bad >= 1.0).sum()), float(bad.sum()))
         for trial, inside in self._ways(positions, np.flatnonzero(bad >= 1.0), mean):
+            progress(0.5, "stepping back from the target")
             if not (trial != positions).any():
                 continue
             after = self.badness(trial, self._crossed(pairs, positions, trial))
@@ -239,13 +255,16 @@ class _Patches:
             yield np.where(inside[:, None], self.aligned.vertices + away, positions), inside
             yield evened(self.aligned, positions, np.flatnonzero(inside), ROUNDS * rings), inside
 
-    def _approached(self, positions: Float, bad: Float, pairs: Int, nodes: Int) -> tuple[Float, Float, Int]:
+    def _approached(
+        self, positions: Float, bad: Float, pairs: Int, nodes: Int, progress: Progress
+    ) -> tuple[Float, Float, Int]:
         """Move nodes towards the target as long as no face gets worse; return the state that they reach."""
         for _ in range(APPROACHES if len(nodes) else 0):
             point, kept = self._compatible(positions, nodes)
             step = np.where(kept[:, None], 0.5 * self.settings.projection * (point - positions[nodes]), 0.0)
             held = np.zeros(len(positions), dtype=bool)
             for _ in range(HOLDS):
+                progress(0.9, "returning to the target")
                 trial = positions.copy()
                 trial[nodes] += np.where(held[nodes, None], 0.0, step)
                 crossed = self._crossed(pairs, positions, trial)
@@ -329,7 +348,7 @@ class _Patches:
         `pairs` (q, 2) are the faces that cross.
         """
         moved = self.aligned.moved(positions)
-        out = SQUEEZED * _squeezed(self.rest, moved)
+        out = SQUEEZED * (aspect_ratio(moved) > self.slender)
         out[folded(self.reference, moved)] = 1.0
         out[flipped_faces(self.rest, moved)] = 1.0
         out[~self.part.whole] = 0.0
@@ -337,6 +356,6 @@ class _Patches:
         return out
 
 
-def _squeezed(rest: Surface, moved: Surface) -> np.ndarray:
-    """True (m,) for the faces far more slender than they were."""
-    return aspect_ratio(moved) > np.maximum(SLENDER, GROWTH * aspect_ratio(rest))
+def _limits(rest: Surface) -> Float:
+    """Aspect ratio (m,) beyond which each face is far more slender than it was."""
+    return np.maximum(SLENDER, GROWTH * aspect_ratio(rest))

@@ -43,7 +43,7 @@ from .watch import Watch
 
 __all__ = ["PRESETS", "MorphResult", "MorphSettings", "morph"]
 
-MEMORY_LEAST, MEMORY_NODE = 30e6, 2e3  # bytes: what a morph was measured to take, and per node of both
+MEMORY_LEAST, MEMORY_NODE = 30e6, 2.3e3  # bytes: what a morph was measured to take, and per node of both
 FIELD_SPREAD = 0.75  # mean edges: the spread of the field that is kept
 
 
@@ -111,7 +111,10 @@ def morph(
     watch = Watch(preview, source.vertices, ours, work.alignment.matrix, work.sources)
     watch.dense(np.zeros_like(work.aligned.vertices))
     # how far the two are apart now is only told at the end
-    with aside(lambda word: compared_before(ours.surface, work.reference, work.index, word)) as before:
+    measuring = part(progress, 0.88, 0.9)
+    with aside(
+        lambda word: compared_before(ours.surface, work.reference, work.index, word), measuring
+    ) as before:
         movement = _moved(work, weight, settings, progress, watch)
         compared = before()
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
@@ -127,7 +130,7 @@ def morph(
     field = DisplacementField(work.aligned.vertices, movement.displacement, spread)
     matrix, landed, bad = work.alignment.matrix, movement.landed, movement.bad
     outcome = Outcome(ours, theirs, whole, matrix, work.reference, work.index, field, landed, bad, compared)
-    measuring = part(progress, 0.88, 1.0)
+    measuring = part(progress, 0.9, 1.0)
     shares = None if weights is None else np.asarray(weights, dtype=float).ravel()
     result = result_of(outcome, source, settings, movement.history, warnings, measuring, shares)
     steering = None if work.pairs is None else _steered(result, work.pairs, settings)

@@ -21,7 +21,7 @@ from .mesh import Float, Surface
 from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
-from .progress import Progress, counted
+from .progress import Progress, counted, part
 from .quality import Comparison, compare, flipped_faces
 from .transforms import transformed
 
@@ -200,14 +200,15 @@ def compared_before(
     index : SurfaceIndex
         Of the target.
     """
+    crossing = reference.crossed(part(progress, 0.0, 0.4))
     return compare(
         source,
         source.moved(reference.surface.vertices),
         index.surface,
         target_index=index,
-        self_intersecting=len(reference.crossing),
+        self_intersecting=len(crossing),
         sample=BEFORE,
-        progress=progress,
+        progress=part(progress, 0.4, 1.0),
     )
 
 

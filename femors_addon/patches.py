@@ -14,9 +14,6 @@ from . import triples
 from .intersect import enclosing_balls
 from .mesh import Float, Int, Surface
 
-FARTHEST = 1.5  # mean edges: how far a node may go, or it would be another fault
-REACH = 16  # edges around the bad faces that may move: all patches, one after the other, reach as far
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Part:
@@ -50,11 +47,10 @@ class Part:
     count: int
 
     @classmethod
-    def around(cls, wanting: Int, moved: Surface, may: np.ndarray, far: float | None = None) -> Part:
-        """The part around the faces that want mending; `far` is `FARTHEST` mean edges if not given."""
-        far = FARTHEST * moved.mean_edge if far is None else far
-        inside = patch(moved, wanting, REACH)
-        wide = patch(moved, wanting, REACH + 1)
+    def around(cls, wanting: Int, moved: Surface, may: np.ndarray, reach: int, far: float) -> Part:
+        """The part within `reach` edges of the faces that want mending, whose nodes may go `far`."""
+        inside = patch(moved, wanting, reach)
+        wide = patch(moved, wanting, reach + 1)
         moving = triples.some((inside & may).take(moved.faces))
         centre, radius = enclosing_balls(moved.corners)
         edge, used = moved.mean_edge, np.flatnonzero(moving)

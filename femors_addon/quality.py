@@ -18,7 +18,7 @@ from .intersect import Piercings, crossings, piercings, self_intersections
 from .limits import Limits
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
-from .progress import Progress, silent
+from .progress import Progress, part, silent
 
 __all__ = [
     "Comparison",
@@ -283,10 +283,15 @@ def compare(
     there = back = np.zeros(0)
     if len(points) and len(aims):
         index = target_index or SurfaceIndex(target)
-        there = index.closest(points, progress).distance if to_target is None else to_target
-        back = SurfaceIndex(morphed).closest(aims, progress).distance if from_target is None else from_target
+        there = index.closest(points, part(progress, 0.0, 0.4)).distance if to_target is None else to_target
+        back = (
+            SurfaceIndex(morphed).closest(aims, part(progress, 0.4, 0.8)).distance
+            if from_target is None
+            else from_target
+        )
     if self_intersecting is None:
-        self_intersecting = len(np.unique(self_intersections(morphed)))
+        self_intersecting = len(np.unique(self_intersections(morphed, part(progress, 0.8, 0.9))))
+    progress(0.9, "shapes of elements")
     return Comparison(
         surface_to_target=Stat.of(there),
         target_to_surface=Stat.of(back),

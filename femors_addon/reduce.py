@@ -41,9 +41,9 @@ _alone = threading.Lock()  # it keeps the mesh in variables of the whole process
 def reduced(surface: Surface, nodes: int) -> Surface:
     """Return a version with about `nodes` nodes, by quadric edge collapse (fast-simplification).
 
-    A mesh of more than `DENSE` nodes is `thinned` before, as long as that leaves about enough.
-    The surface itself is returned where it has no more nodes than that, and where it cannot be
-    reduced (its pieces would collapse).
+    The surface is clean (`cleaning.clean`). With more than `DENSE` nodes it is `thinned` before, as long
+    as that leaves about enough. It is returned itself where it has no more nodes than that, and where it
+    cannot be reduced (its pieces would collapse).
     """
     if nodes >= len(surface.vertices):
         return surface

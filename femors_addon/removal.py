@@ -212,9 +212,10 @@ def _clear(found: Sequence[Finding], efforts: Sequence[Effort]) -> bool:
 
 
 def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:
-    """Whether a state that may not be clear is at least less deep, or crosses less."""
+    """Whether a state that may not be clear is at least less deep, or crosses less, and in neither worse."""
     now, then = (
         (sum(max(f.gap - f.least, 0.0) for f in found), sum(f.crossings for f in found))
         for found in (after, before)
     )
-    return all(f.clear for f in after) or now[0] < GAINED * then[0] or now[1] < GAINED * then[1]
+    gained = now[0] < GAINED * then[0] or now[1] < GAINED * then[1]
+    return all(f.clear for f in after) or (gained and now[0] <= then[0] and now[1] <= then[1])

@@ -5,7 +5,8 @@ Quadric edge collapse takes one edge after the other, and its library lets no ot
 What it does best, to keep creases and curvature, matters where few nodes are left. Here nodes are chosen
 of which no two are neighbours and beside which every other node has one (a maximal independent set, found
 by random priorities: Luby 1986), and every other node collapses onto its nearest chosen neighbour. Nodes on
-sharper edges are chosen first, so that creases keep nodes; those of a border collapse along it.
+sharper edges are chosen first, so that creases keep nodes; those of a border, or where sheets meet,
+collapse along it.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ def thinned(surface: Surface, random: np.random.Generator) -> Surface:
     rank = _ranks(surface)
     chosen = _independent(start, stop, random.permutation(len(start)) + len(start) * rank)
     away = triples.length(surface.vertices.take(stop, axis=0) - surface.vertices.take(row, axis=0))
-    away[~chosen[stop] | (surface.border[row] & ~surface.border[stop])] = np.inf
+    line = rank > len(SHARP)
+    away[~chosen[stop] | (line[row] & ~line[stop])] = np.inf
     nearest = np.minimum.reduceat(away, start)
     hit = np.flatnonzero(away == nearest[row])
     hit = hit[np.concatenate(([True], row[hit[1:]] != row[hit[:-1]]))]  # the first of equals
@@ -50,14 +52,17 @@ def thinned(surface: Surface, random: np.random.Generator) -> Surface:
 
 
 def _ranks(surface: Surface) -> Int:
-    """How sharp the sharpest edge at each node (n,) is, in classes; a border comes above them all."""
+    """How sharp the sharpest edge at each node (n,) is, in classes; edges without two faces are above all."""
     faces, edges = surface.edge_faces
     normal = surface.face_normals
     cosine = triples.dot(normal.take(faces[:, 0], axis=0), normal.take(faces[:, 1], axis=0))
     sharp = np.searchsorted(-np.cos(np.radians(SHARP)), -cosine).astype(np.int32)
     rank = np.zeros(len(surface.vertices), dtype=np.int32)
     np.maximum.at(rank, edges, sharp[:, None])
-    rank[surface.border] = len(SHARP) + 1
+    paired = np.zeros(len(surface.edges), dtype=bool)
+    key, known = (those[:, 0].astype(np.int64) * len(rank) + those[:, 1] for those in (edges, surface.edges))
+    paired[np.searchsorted(known, key)] = True
+    rank[surface.edges[~paired]] = len(SHARP) + 1
     return rank
 
 

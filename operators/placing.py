@@ -16,6 +16,11 @@ def place(context: bpy.types.Context, item: bpy.types.Object, like: bpy.types.Ob
         if collection.library is None and collection.override_library is None:
             collection.objects.link(item)
     context.view_layer.update()  # until then it does not know the new object
-    if item.name not in context.view_layer.objects:
+    if not seen(context.view_layer, item):
         context.scene.collection.objects.link(item)
         context.view_layer.update()
+
+
+def seen(layer: bpy.types.ViewLayer, item: bpy.types.Object) -> bool:
+    """Whether an object is in a view layer; one of another file may have its name."""
+    return layer.objects.get((item.name, None)) == item

@@ -122,7 +122,7 @@ def _show(context: bpy.types.Context, item: bpy.types.Object) -> None:
     item.hide_render = False
     layer = context.view_layer
     layer.update()  # until then it does not know the new object
-    if item.name not in layer.objects:  # its collections are switched off in this view layer
+    if not placing.seen(layer, item):  # its collections are switched off in this view layer
         return
     for other in context.selected_objects:
         other.select_set(False)

@@ -15,6 +15,7 @@ from . import (
     deck_store,
     fields,
     marks,
+    placing,
     result,
     scene,
     transfer_props,
@@ -115,7 +116,7 @@ def _select(context: bpy.types.Context, made: list[bpy.types.Object]) -> None:
     for item in context.selected_objects:
         item.select_set(False)
     for item in made:
-        if item.name in context.view_layer.objects:
+        if placing.seen(context.view_layer, item):
             item.select_set(True)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from commands import Terminal, refused, run
 
-from femors_addon import cli, cli_morph, commandline, meshfiles
+from femors_addon import cli, cli_morph, commandline, limits, meshfiles
 from femors_addon.intersect import self_intersections
 from femors_addon.meshfiles import MeshFile
 from femors_addon.morph import MorphResult
@@ -115,6 +115,22 @@ def test_quiet_says_nothing(pair, tmp_path, capsys, monkeypatch, morphed):
     monkeypatch.setattr(cli_morph, "morph", remark)
     code, out, err = run(capsys, "morph", *pair, "-o", tmp_path / "out.ply", "--quiet")
     assert (code, out, err) == (0, "", "")
+
+
+def test_limits_of_threads_and_memory(pair, tmp_path, capsys):
+    before = limits.Limits.threads, limits.Limits.memory
+    outs = [tmp_path / f"{threads}.ply" for threads in (1, 2)]
+    for threads, out in enumerate(outs, 1):
+        code, _, _ = run(capsys, "morph", *pair, "-o", out, "--threads", str(threads), "--quiet")
+        assert code in (0, 1)
+        assert (limits.Limits.threads, limits.Limits.memory) == before
+    assert outs[0].read_bytes() == outs[1].read_bytes()
+    said = refused(capsys, "morph", *pair, "-o", tmp_path / "no.ply", "--memory", "1")
+    assert "needs about" in said and "the limit of --memory is 1 MB" in said
+    assert not (tmp_path / "no.ply").exists()
+    for option in ("--threads", "--memory"):
+        assert "0 or more" in refused(capsys, "morph", *pair, "-o", tmp_path / "no.ply", f"{option}=-1")
+    assert (limits.Limits.threads, limits.Limits.memory) == before
 
 
 def test_stl_in_and_out_keeps_every_triangle(tmp_path, capsys):

@@ -177,7 +177,7 @@ def check_it(progress):
 @pytest.mark.parametrize(
     ("job", "words"),
     [
-        (morph_it, r"a morph with 3964 nodes in both meshes needs about 38 MB"),
+        (morph_it, r"a morph with 3964 nodes in both meshes needs about 39 MB"),
         (measure_only, r"measuring a mesh with 1990 nodes in all needs about 15 MB"),
         (measure_both, r"measuring a mesh with 3964 nodes in all needs about 20 MB"),
         (carry_it, r"a transfer with 5938 nodes in all needs about 61 MB"),
@@ -206,6 +206,16 @@ def test_a_job_aside_is_done_when_it_is_asked_for_where_one_thread_is_allowed():
     with limits.aside(lambda _progress: done.clear()):  # nobody asks
         pass
     assert done
+
+
+def test_a_job_aside_reports_and_may_be_cancelled_of_one_thread_too():
+    limits.allow(1, 0)
+
+    def cancelling(fraction, text):
+        raise Cancelled
+
+    with limits.aside(lambda progress: progress(0.5, "half"), cancelling) as wait, pytest.raises(Cancelled):
+        wait()
 
 
 def test_a_job_aside_runs_beside_the_rest_as_one_of_the_threads_allowed(monkeypatch):

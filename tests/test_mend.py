@@ -7,14 +7,20 @@ import pytest
 from femors_addon import morph as morphing
 from femors_addon.folds import Reference, bad_faces
 from femors_addon.intersect import self_intersections
-from femors_addon.mend import _Patches, mended
+from femors_addon.mend import FARTHEST, REACH, _Patches, mended
 from femors_addon.mesh import Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.patches import FARTHEST, REACH, Part
+from femors_addon.patches import Part
 from femors_addon.progress import Cancelled
 from femors_addon.quality import aspect_ratio, flipped_faces
 from femors_addon.shapes import sphere
+
+
+def whole(surface: Surface) -> Part:
+    """All of a surface as the part that may move."""
+    faces, nodes = np.arange(len(surface.faces)), np.ones(len(surface.vertices), bool)
+    return Part.around(faces, surface, nodes, REACH, FARTHEST * surface.mean_edge)
 
 
 @pytest.fixture
@@ -85,12 +91,12 @@ def test_crossings_around_what_moved_are_those_of_the_whole(ball, seed):
     after = rough.copy()
     nodes = rng.integers(0, len(rough), 30)
     after[nodes] += 3.0 * fine.mean_edge * rng.normal(size=(30, 3))
-    every = Part.around(np.arange(len(fine.faces)), fine, np.ones(len(rough), bool))
+    every = whole(fine)
     work = _Patches(fine, Reference(fine), every, SurfaceIndex(fine), MorphSettings())
     got = work._crossed(pairs, rough, after)
-    whole = self_intersections(fine.moved(after))
-    assert len(whole) > len(pairs) / 2 and {*map(tuple, got)} == {*map(tuple, whole)}
-    assert len(got) == len(whole)
+    all_of_them = self_intersections(fine.moved(after))
+    assert len(all_of_them) > len(pairs) / 2 and {*map(tuple, got)} == {*map(tuple, all_of_them)}
+    assert len(got) == len(all_of_them)
 
 
 def test_a_part_of_a_large_mesh_is_mended_as_the_whole_is(monkeypatch):
@@ -108,15 +114,15 @@ def test_a_part_of_a_large_mesh_is_mended_as_the_whole_is(monkeypatch):
     moved = both.moved(both.vertices + displacement)
     bad = bad_faces(Reference(both), moved)
     assert len(bad) > 5 and bad.max() >= len(outer.faces)
-    part = Part.around(bad, moved, np.ones(len(both.vertices), bool))
+    part = Part.around(bad, moved, np.ones(len(both.vertices), bool), REACH, FARTHEST * moved.mean_edge)
     assert len(part.faces) < 0.4 * len(both.faces)
     assert (part.faces >= len(outer.faces)).any()
     target = SurfaceIndex(both)
     near = mended(both, Reference(both), displacement, target, None, MorphSettings(), left=bad)
-    monkeypatch.setattr("femors_addon.patches.REACH", 10 * REACH)
-    whole = mended(both, Reference(both), displacement, target, None, MorphSettings(), left=bad)
-    np.testing.assert_array_equal(near[0], whole[0])
-    assert near[1] == whole[1]
+    monkeypatch.setattr("femors_addon.mend.REACH", 10 * REACH)
+    far = mended(both, Reference(both), displacement, target, None, MorphSettings(), left=bad)
+    np.testing.assert_array_equal(near[0], far[0])
+    assert near[1] == far[1]
 
 
 def test_nodes_that_may_not_move_stay(ball):
@@ -142,7 +148,7 @@ def test_nodes_that_may_not_move_stay(ball):
 def _patches(ball, pull):
     """Patches that may be anywhere, the positions to be mended, and how bad each face is there."""
     positions = ball.vertices + _pulled(ball, pull)[1]
-    every = Part.around(np.arange(len(ball.faces)), ball, np.ones(len(positions), bool))
+    every = whole(ball)
     work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
     return work, positions, work.badness(positions, self_intersections(ball.moved(positions)))
 
@@ -179,7 +185,7 @@ def test_a_face_on_its_back_is_turned_over_and_nothing_else_moves(ball):
     displacement[corners] = -1.1 * ((here - middle) @ across)[:, None] * across
     positions = ball.vertices + displacement
     assert list(flipped_faces(ball, ball.moved(positions))) == [face]
-    every = Part.around(np.arange(len(ball.faces)), ball, np.ones(len(positions), bool))
+    every = whole(ball)
     work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
     bad = work.badness(positions, self_intersections(ball.moved(positions)))
     after, left = work.step_back(positions, bad)

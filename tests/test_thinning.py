@@ -8,6 +8,7 @@ import pytest
 from surfaces import cut, together
 
 from femors_addon import reduce, shapes, thinning
+from femors_addon.cleaning import clean
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
@@ -59,6 +60,27 @@ def test_a_border_keeps_its_outline():
     edge = small.mean_edge
     away = [np.linalg.norm(small.vertices[small.border] - point, axis=1).min() for point in along]
     assert max(away) < 1.5 * edge
+
+
+def test_where_three_sheets_meet_they_meet():
+    across, up = np.meshgrid(np.arange(21.0), np.arange(31.0), indexing="ij")
+    at = np.arange(21 * 31).reshape(21, 31)
+    a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
+    sheets = [
+        np.stack((across * np.cos(turn), across * np.sin(turn), up), axis=-1).reshape(-1, 3)
+        for turn in np.radians((0.0, 120.0, 240.0))
+    ]
+    surface = clean(np.concatenate(sheets), np.concatenate([faces + k * at.size for k in range(3)])).surface
+    small = few(surface)
+    count = np.unique(
+        np.sort(small.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0, return_counts=True
+    )
+    seam = np.unique(count[0][count[1] == 3])
+    inner = small.vertices[seam[np.abs(small.vertices[seam, 2] - 15.0) < 13.0]]
+    assert len(inner) >= 8
+    assert np.abs(inner[:, :2]).max() < 1e-9  # they stand on the line, but at its ends
+    assert np.ptp(inner[:, 2]) > 20.0
 
 
 def test_creases_keep_their_nodes(monkeypatch):
