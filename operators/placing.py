@@ -23,4 +23,4 @@ def place(context: bpy.types.Context, item: bpy.types.Object, like: bpy.types.Ob
 
 def seen(layer: bpy.types.ViewLayer, item: bpy.types.Object) -> bool:
     """Whether an object is in a view layer; one of another file may have its name."""
-    return layer.objects.get((item.name, None)) == item
+    return item in layer.objects.values()

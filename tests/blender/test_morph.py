@@ -477,3 +477,25 @@ def test_a_result_is_seen_wherever_its_source_is(pair, tools, tmp_path, where):
     item = morph()
     assert item is not None and item.name == "Femur morphed to Scan" and item.visible_get()
     assert list(item.users_collection) == ([top] if where == "another file" else [group, top])
+
+
+def test_a_linked_object_of_the_results_name_does_not_hide_it(pair, tools, tmp_path):
+    """The source stands in no collection of this file, and what is looked for is the object, not a name."""
+    source, _ = pair
+    path, group = str(tmp_path / "library.blend"), bpy.data.collections.new("Bones")
+    namesake = source.copy()
+    namesake.name = "Femur morphed to Scan"
+    bpy.context.scene.collection.objects.unlink(source)
+    for one in (source, namesake):
+        group.objects.link(one)
+    bpy.data.libraries.write(path, {group})
+    for one in (source, namesake):
+        bpy.data.objects.remove(one)
+    bpy.data.collections.remove(group)
+    with bpy.data.libraries.load(path, link=True) as (_, there):
+        there.collections = ["Bones"]
+    bpy.context.scene.collection.children.link(bpy.data.collections["Bones"])
+    morph()
+    item = bpy.data.objects["Femur morphed to Scan", None]
+    assert list(item.users_collection) == [bpy.context.scene.collection]
+    assert item.visible_get() and item.select_get()
