@@ -20,7 +20,7 @@ from .grnn import DisplacementField
 from .interior import harmonic, stiffness
 from .mesh import Float, Int, Surface
 from .morph import morph
-from .morph_outcome import misfit_around, verdict
+from .morph_fit import misfit_around, verdict
 from .morph_result import MorphResult
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex

@@ -12,7 +12,7 @@ from femors_addon.keptfield import KeptField
 from femors_addon.landmarks import Prediction, far_ones, median_of, predicted
 from femors_addon.mesh import Surface
 from femors_addon.morph import morph
-from femors_addon.morph_outcome import misfit_around
+from femors_addon.morph_fit import misfit_around
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
 from femors_addon.regions import RegionMap

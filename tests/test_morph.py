@@ -16,7 +16,7 @@ from femors_addon import settings as declared
 from femors_addon import shapes
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
-from femors_addon.morph_outcome import verdict
+from femors_addon.morph_fit import verdict
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.quality import flipped_faces

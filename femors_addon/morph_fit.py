@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How near two surfaces have come: around each node, and as a verdict in words."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from . import triples
+from .mesh import Float, Surface
+from .morph_settings import MorphSettings
+from .nearest import Closest, SurfaceIndex
+
+REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfaces are closer than an
+# edge and this
+LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
+ROUNDED = 1e-9  # of the size: no distance at all
+
+
+def misfit_around(
+    morphed: Surface,
+    to_target: Float,
+    target: Surface,
+    back: Closest | None = None,
+    partial: str = "none",
+    index: SurfaceIndex | None = None,
+) -> Float:
+    """Return (n,) how far the two surfaces are apart around each vertex of the morphed one, at most.
+
+    The vertices themselves were laid onto the target, so that their own distance says nothing. What does
+    are the target's vertices, and middles of faces that are large beside the morphed ones, back to the
+    morphed surface: each counts for the corners of the face that it is closest to, and for their
+    neighbours.
+
+    Parameters
+    ----------
+    to_target : (n,) float64
+        Distance of each vertex to the target's surface.
+    back : Closest, optional
+        Closest points of the target's vertices on the morphed surface, where they are known; all of
+        these vertices have faces then.
+    partial : {"none", "source", "target"}
+        With "source", what is closest to the border is beyond it, and not counted.
+    index : SurfaceIndex, optional
+        Of the morphed surface, where there is one.
+    """
+    large = target.faces[target.face_areas > LARGE_FACE * morphed.face_areas.mean()]
+    middles = triples.total(target.vertices.take(large, axis=0)) / 3.0
+    points = np.concatenate((target.vertices[np.unique(target.faces)], middles))
+    unknown = points if back is None else middles
+    found = (index or SurfaceIndex(morphed)).closest(unknown) if len(unknown) else None
+    parts = [part for part in (back, found) if part is not None]
+    corners = morphed.faces[np.concatenate([part.face for part in parts])]
+    away = np.concatenate([part.distance for part in parts])
+    if partial == "source":
+        inner = ~morphed.border[corners].any(axis=1)
+        corners, away, points = corners[inner], away[inner], points[inner]
+    out = np.full(len(morphed.vertices), -1.0)
+    np.maximum.at(out, corners, away[:, None])
+    lone = out < 0  # a target coarser than the source
+    if lone.any() and len(points):
+        out[lone] = away[cKDTree(points).query(morphed.vertices[lone])[1]]
+    around = out.copy()
+    np.maximum.at(around, morphed.faces, out[morphed.faces].max(axis=1)[:, None])
+    around = np.maximum(around, to_target)
+    return np.where(around > ROUNDED * target.diagonal, around, 0.0)
+
+
+def verdict(
+    to_target: Float, from_target: Float, settings: MorphSettings, size: float, edge: float, weighted: bool
+) -> tuple[bool, str]:
+    """Whether the surfaces have come together, and in which words.
+
+    A fit is reached when 99 % of each surface is within an edge and a little of the other. The face
+    that closes a cut has no counterpart: a partial mesh is judged by its median.
+
+    Parameters
+    ----------
+    to_target, from_target : (n,), (k,) float64
+        Distances of the morphed nodes to the target's surface, and of its nodes to the morphed surface.
+    settings : MorphSettings
+    size, edge : float
+        Of the target, and the mean edge of the coarser of the two.
+    weighted : bool
+        Whether nodes were held back.
+    """
+    if weighted:
+        return True, "done, as far as the weights let the source move"
+    limit = edge + REACH * size
+    asked, name = (99.0, "99 %") if settings.partial == "none" else (50.0, "half")
+    gaps: list[tuple[float, str, str, Float]] = []
+    if settings.partial != "target":
+        gaps.append((_percentile(to_target, asked), "the result", "the target", to_target))
+    if settings.partial != "source":
+        gaps.append((_percentile(from_target, asked), "the target", "the result", from_target))
+    gap, here, there, away = max(gaps, key=lambda entry: entry[0])
+    gap = gap if gap > ROUNDED * size else 0.0  # rounding is nothing to report
+    if gap > limit:
+        share = min(100.0 * np.mean(away <= limit), asked - 0.1)
+        short = f"{share:.1f} % of {here} is within {limit:.3g} of {there}, where {name} should be"
+        return False, f"not converged: {short} ({name} is within {gap:.3g})"
+    if settings.partial != "none":
+        return True, f"converged over the shared part: half of {here} is within {gap:.3g} of {there}"
+    return True, f"converged: 99 % of each surface is within {gap:.3g} of the other"
+
+
+def _percentile(values: Float, share: float) -> float:
+    return float(np.percentile(values, share)) if len(values) else 0.0
