@@ -212,10 +212,10 @@ def _clear(found: Sequence[Finding], efforts: Sequence[Effort]) -> bool:
 
 
 def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:
-    """Whether a state that may not be clear is at least less deep, or crosses less, and in neither worse."""
+    """Whether a state that may not be clear is at least less deep, or crosses less and is no deeper."""
     now, then = (
         (sum(max(f.gap - f.least, 0.0) for f in found), sum(f.crossings for f in found))
         for found in (after, before)
     )
-    gained = now[0] < GAINED * then[0] or now[1] < GAINED * then[1]
-    return all(f.clear for f in after) or (gained and now[0] <= then[0] and now[1] <= then[1])
+    crosses_less = now[1] < GAINED * then[1] and now[0] <= then[0]
+    return all(f.clear for f in after) or now[0] < GAINED * then[0] or crosses_less
