@@ -4,7 +4,8 @@
 Where source and target differ in shape, thin plates and slender faces above all, no smooth displacement of
 the source's own patch may lie flat on the target. The patch around such a face is then laid out as Tutte
 (1963) embeds a graph: each node at the mean of its neighbours, all weighing alike, which folds no face
-of a flat patch; and is laid back onto the target.
+of a flat patch; and is laid back onto the target. What is bad even so gives up some of the fit, by
+whichever way of stepping back off the target leaves least of it.
 """
 
 from __future__ import annotations

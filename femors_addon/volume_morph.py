@@ -223,7 +223,8 @@ def _as_it_ended(
     moved[ours.vertex_map[used]] = vertices[used]
     distance, off = index.closest(vertices).distance, index.closest(moved).distance
     last = ours.surface.moved(moved)
-    back = SurfaceIndex(last).closest(theirs.surface.vertices)
+    ending = SurfaceIndex(last)
+    back = ending.closest(theirs.surface.vertices)
     after = compare(
         ours.surface,
         last,
@@ -240,7 +241,7 @@ def _as_it_ended(
         result,
         vertices=vertices,
         field=field,
-        residual=misfit_around(last, off, theirs.surface, back, result.settings.partial),
+        residual=misfit_around(last, off, theirs.surface, back, result.settings.partial, ending),
         surface_distance=distance,
         displacement=np.linalg.norm(vertices - aligned, axis=1),
         after=after,

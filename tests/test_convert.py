@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import refused, run
 
-from femors_addon import cli, cli_morph, deckfiles, meshfiles
+from femors_addon import cli_morph, deckfiles, meshfiles
 from femors_addon.meshfiles import MeshFile
 from femors_addon.morph import MorphResult
 from femors_addon.morph_settings import MorphSettings
@@ -48,20 +49,6 @@ BOX = """*HEADING
 2,3
 *SOLID SECTION, ELSET=CUBE, MATERIAL=M
 """
-
-
-def run(capsys, *argv: object) -> tuple[int, str, str]:
-    code = cli.main([str(word) for word in argv])
-    said = capsys.readouterr()
-    return code, said.out, said.err
-
-
-def refused(capsys, *argv: object) -> str:
-    code, out, err = run(capsys, *argv)
-    assert (code, out) == (2, ""), err
-    assert err.startswith("femors: ")
-    assert err.count("\n") == 1
-    return err
 
 
 @pytest.fixture()

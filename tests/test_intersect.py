@@ -9,6 +9,7 @@ import pytest
 from femors_addon import intersect
 from femors_addon.intersect import crossings, piercings, self_intersections
 from femors_addon.mesh import Surface
+from femors_addon.progress import Cancelled
 from femors_addon.shapes import bone, box, sphere
 
 
@@ -280,3 +281,11 @@ def test_nothing_and_the_degenerate_cross_nothing(surface):
     assert result.edge.shape == result.face.shape == result.t.shape == (0,)
     assert result.points(ball).shape == (0, 3)
     assert len(crossings(surface, ball)) == len(crossings(ball, surface)) == 0
+
+
+def test_a_search_for_crossings_may_be_cancelled():
+    def cancelling(_fraction, _text):
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        self_intersections(sphere(3), cancelling)

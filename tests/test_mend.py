@@ -244,3 +244,19 @@ def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
     monkeypatch.setattr(_Patches, "step_back", lambda self, positions, bad, *_: (positions, bad))
     without = bad()
     assert with_it < 0.3 * without, (with_it, without)  # 0 against 71
+
+
+@pytest.mark.parametrize("word", ["stepping back", "returning"])
+def test_stepping_back_may_be_cancelled_between_its_ways(ball, word):
+    work, positions, bad = _patches(ball, 1.3)
+    said: list[str] = []
+
+    def cancelling(_fraction, text):
+        said.append(text)
+        if text.startswith(word):
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        work.step_back(positions, bad, cancelling)
+    assert said[-1].startswith(word)
+    assert said.count(said[-1]) == 1

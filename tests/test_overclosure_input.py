@@ -10,9 +10,11 @@ from spheres import GAP, assert_apart, pair, smallest_gap
 
 from femors_addon import shapes
 from femors_addon.bodies import Body
+from femors_addon.findings import Finding
 from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureSettings, check_overclosure, remove_overclosure
 from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.removal import _better
 
 
 # --- bad input ----------------------------------------------------------------------------------------
@@ -244,3 +246,16 @@ def test_coarse_cubes_in_line_are_freed_although_their_sides_lie_in_one_plane(ce
     result = remove_overclosure([Body("one", one), Body("two", two)])
     assert result.certified, result.certificate
     assert result.bodies[0].xor < 0.35
+
+
+@pytest.mark.parametrize(
+    ("depth", "crossings", "kept"),
+    [(10.0, 100, False), (3.9, 100, True), (4.1, 100, False), (10.0, 39, True), (10.1, 39, False)],
+)
+def test_which_state_that_is_not_clear_is_worth_keeping(depth, crossings, kept):
+    """Less than 40 % of the depth; or of the crossings, where it is no deeper."""
+
+    def found(depth: float, crossings: int) -> list[Finding]:
+        return [Finding("a", "b", 0.0, -depth, (1, 1), crossings, "", (0.0, 0.0, 0.0), None, "overlap")]
+
+    assert _better(found(depth, crossings), found(10.0, 100)) == kept
