@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from femors_addon import crew, frames, intersect, limits, nearest
+from femors_addon import cells, crew, frames, grnn, intersect, limits, nearest
 from femors_addon import morph as morph_module
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
@@ -58,12 +58,20 @@ def transferred_back():
     return back.points(np.tile(BONES.source.vertices, (3, 1)) + 2.0).points
 
 
-def field():
-    """By cells, in several blocks."""
+def field(edges):
+    """With a spread of so many mean edges."""
     rest = BONES.source.vertices
-    return DisplacementField(rest, warp(rest, ("bend", 0.1)) - rest, 0.5 * BONES.source.mean_edge)(
+    return DisplacementField(rest, warp(rest, ("bend", 0.1)) - rest, edges * BONES.source.mean_edge)(
         BONES.target.vertices
     )
+
+
+def field_by_cells():
+    return field(0.5)
+
+
+def field_by_grid():
+    return field(12.0)
 
 
 def crossed():
@@ -80,13 +88,25 @@ def separated():
     return np.concatenate([body.nodes for body in remove_overclosure(BALLS).bodies])
 
 
-JOBS = (closest, transferred, transferred_back, field, crossed, examined, separated)
+JOBS = (
+    closest,
+    transferred,
+    transferred_back,
+    field_by_cells,
+    field_by_grid,
+    crossed,
+    examined,
+    separated,
+)
 
 
 @pytest.mark.parametrize("job", JOBS)
 def test_threads_change_no_bit(job, monkeypatch):
     monkeypatch.setattr(nearest, "BLOCK_PAIRS", 4000)  # so that there are several blocks
     monkeypatch.setattr(frames, "BLOCK", 500)
+    monkeypatch.setattr(grnn, "ASKED", 500)
+    monkeypatch.setattr(cells, "CALLS", 0)
+    monkeypatch.setattr(cells, "TOGETHER", 10_000)
     monkeypatch.setattr(intersect, "AT_ONCE", 500)
     limits.allow(1, 0)
     one = job()
