@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 from typing import Any
 
 from numpy.typing import ArrayLike
 
+from .cached import cached_property
 from .carry import Carrier
 from .files import Location
 from .grnn import DisplacementField

@@ -8,11 +8,11 @@ what the user should hear: points far from the source, things carried already, a
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 
 from . import settings as declared
+from .cached import cached_property
 from .carry import FADE, Carrier
 from .cleaning import clean
 from .mesh import Float, Surface

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from .cached import cached_property
 from .mesh import Float, Int, Surface, frozen
 from .progress import FemorsError
 from .volume_faces import Block, Ids, Polygons, all_faces, outer_faces
