@@ -140,7 +140,7 @@ def result_of(
     vertices = outcome.vertices(given.vertices, weights)
     progress(0.2, "measuring")
     distance = outcome.distances(vertices)
-    back, residual = _way_back(outcome, settings.partial)
+    back, residual = _way_back(outcome, settings.partial, part(progress, 0.2, 0.6))
     progress(0.6, "measuring")
     before, after = outcome.before, _after(outcome, back)
     aligned = transformed(outcome.matrix, given.vertices)
@@ -174,10 +174,10 @@ def result_of(
     )
 
 
-def _way_back(outcome: Outcome, partial: str) -> tuple[Closest, Float]:
+def _way_back(outcome: Outcome, partial: str, progress: Progress) -> tuple[Closest, Float]:
     """Closest points of the target's vertices on the morphed source, and the misfit around its nodes."""
     target, index = outcome.target.surface, SurfaceIndex(outcome.morphed)
-    back = index.closest(target.vertices)
+    back = index.closest(target.vertices, progress)
     return back, misfit_around(outcome.morphed, outcome.to_target, target, back, partial, index)
 
 

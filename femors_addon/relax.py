@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from scipy import sparse
 
@@ -14,7 +16,7 @@ from .grnn import DisplacementField
 from .mesh import Float, Int, Single, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
-from .progress import Preview, Progress, unseen
+from .progress import Preview, Progress, unseen, within
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
@@ -200,21 +202,23 @@ def settle(
     rounds = settings.relaxation + (settings.projection > 0)
     landed, found = np.full_like(displacement, np.nan), None
     for number in range(rounds):
-        progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
+        under_way = within(progress, number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
         begun = positions = aligned.vertices + displacement
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
+            under_way(0.0, "")
             positions = positions + share * SHAPE_STEP * matching.move(positions)
         if settings.projection > 0:
             moved = aligned.moved(positions)
             # the rounds between follow the tangent planes of the first; the last is exact again
             if fresh := found is None or number == rounds - 1:
-                found = target.closest(positions)
+                found = target.closest(positions, under_way)
             step, landed = _to_target(moved, target.surface, found, fresh, lines, settings)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
-    progress(rounds / (rounds + 1), "checking for folded faces")
-    displacement, left = unfolded(reference, displacement, mean, bad_faces, free)
+    under_way = within(progress, rounds / (rounds + 1), "checking for folded faces")
+    judge = functools.partial(bad_faces, progress=under_way)
+    displacement, left = unfolded(reference, displacement, mean, judge, free)
     return displacement, left, landed
 
 

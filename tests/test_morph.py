@@ -18,7 +18,7 @@ from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
 from femors_addon.morph_fit import verdict
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.progress import FemorsError
 from femors_addon.quality import flipped_faces
 from femors_addon.transforms import transformed
 
@@ -503,26 +503,6 @@ def test_nothing_to_do_is_no_failure():
     result = morph(SMALL, GOAL, idle)
     assert np.array_equal(result.vertices, SMALL.vertices)
     assert result.history == ()
-
-
-# --- cancelling -----------------------------------------------------------------------------------
-def test_cancelling_at_any_call_ends_it_and_leaves_the_meshes():
-    told: list[str] = []
-    morph(SMALL, GOAL, LAYERED, lambda fraction, text: told.append(text))
-    ours, theirs = SMALL.vertices.copy(), GOAL.vertices.copy()
-    for last in range(0, len(told), max(len(told) // 25, 1)):
-        seen: list[str] = []
-
-        def cancel(fraction, text, seen=seen, last=last):
-            seen.append(text)
-            if len(seen) > last:
-                raise Cancelled
-
-        with pytest.raises(Cancelled):
-            morph(SMALL, GOAL, LAYERED, cancel)
-        assert seen == told[: last + 1]
-    assert np.array_equal(SMALL.vertices, ours)
-    assert np.array_equal(GOAL.vertices, theirs)
 
 
 # --- the field ------------------------------------------------------------------------------------
