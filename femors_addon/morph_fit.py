@@ -67,17 +67,26 @@ def misfit_around(
 
 
 def verdict(
-    to_target: Float, from_target: Float, settings: MorphSettings, size: float, edge: float, weighted: bool
+    to_target: Float,
+    from_target: Float,
+    around: Float,
+    settings: MorphSettings,
+    size: float,
+    edge: float,
+    weighted: bool,
 ) -> tuple[bool, str]:
     """Whether the surfaces have come together, and in which words.
 
     A fit is reached when 99 % of each surface is within an edge and a little of the other. The face
-    that closes a cut has no counterpart: a partial mesh is judged by its median.
+    that closes a cut has no counterpart: a partial mesh is judged by its median. Of a partial source the
+    nodes were laid onto the target, and what is beyond it is not asked for: around them is looked.
 
     Parameters
     ----------
     to_target, from_target : (n,), (k,) float64
         Distances of the morphed nodes to the target's surface, and of its nodes to the morphed surface.
+    around : (n,) float64
+        Misfit around the morphed nodes, see `misfit_around`.
     settings : MorphSettings
     size, edge : float
         Of the target, and the mean edge of the coarser of the two.
@@ -89,7 +98,9 @@ def verdict(
     limit = edge + REACH * size
     asked, name = (99.0, "99 %") if settings.partial == "none" else (50.0, "half")
     gaps: list[tuple[float, str, str, Float]] = []
-    if settings.partial != "target":
+    if settings.partial == "source":
+        gaps.append((_percentile(around, asked), "the result", "the target's nodes around it", around))
+    if settings.partial == "none":
         gaps.append((_percentile(to_target, asked), "the result", "the target", to_target))
     if settings.partial != "source":
         gaps.append((_percentile(from_target, asked), "the target", "the result", from_target))

@@ -152,7 +152,7 @@ def result_of(
     crossed = after.self_intersecting - before.self_intersecting
     edge = max(outcome.aligned.mean_edge, target.mean_edge)
     converged, reason = verdict(
-        outcome.to_target, back.distance, settings, target.diagonal, edge, weights is not None
+        outcome.to_target, back.distance, residual, settings, target.diagonal, edge, weights is not None
     )
     progress(1.0, "done")
     return MorphResult(

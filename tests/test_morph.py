@@ -118,9 +118,10 @@ def test_what_the_result_says_is_so(pair, morphed):
         (
             "source",
             60,
-            "not converged: 40.0 % of the result is within 1.2 of the target, where half should be",
+            "not converged: 40.0 % of the result is within 1.2 of the target's nodes around it, where half",
         ),
-        ("source", 40, "converged over the shared part: half of the result is within 0.5 of the target"),
+        ("source", 40, "converged over the shared part: half of the result is within 0.5 of the target's nodes"),
+        ("target", 60, "converged over the shared part: half of the target is within 0.25 of the result"),
     ],
 )
 def test_the_verdict_says_what_share_is_near(partial, far, words):
@@ -128,9 +129,27 @@ def test_the_verdict_says_what_share_is_near(partial, far, words):
     some[:far] = 7.0
     some[:1] = 1.1 if far == 1 else 7.0
     settings = MorphSettings(partial=partial)
-    converged, reason = verdict(some, near, settings, size=100.0, edge=1.0, weighted=False)
+    laid, around = (some, some) if partial == "none" else (np.zeros(100), some)
+    converged, reason = verdict(laid, near, around, settings, size=100.0, edge=1.0, weighted=False)
     assert reason.startswith(words) and converged == words.startswith("converged")
     assert converged or reason.endswith("is within 7)")
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_the_verdict_on_a_partial_source_is_no_distance_that_is_zero_by_construction(pair, closed):
+    """The target's nodes around the result are measured; the face that closes the cut does not count."""
+    source = cut(pair.source, -99, 200)[0]
+    if closed:
+        rim = source.edges[source.border[source.edges].all(axis=1)]
+        middle = source.vertices[source.border].mean(axis=0)
+        fan = np.column_stack((rim, np.full(len(rim), len(source.vertices))))
+        source = Surface(np.vstack((source.vertices, middle)), np.vstack((source.faces, fan)))
+    result = morph(source, pair.target, MorphSettings(partial="source"))
+    said = float(result.stop_reason.split("within ")[1].split()[0])
+    assert result.converged
+    assert result.after.surface_to_target.median < 1e-9
+    assert 0.1 < said < pair.target.mean_edge
+    assert said == pytest.approx(np.median(result.residual), rel=0.01)
 
 
 def test_distances_beyond_a_partial_target_are_so_too(pair):
