@@ -120,7 +120,11 @@ def test_what_the_result_says_is_so(pair, morphed):
             60,
             "not converged: 40.0 % of the result is within 1.2 of the target's nodes around it, where half",
         ),
-        ("source", 40, "converged over the shared part: half of the result is within 0.5 of the target's nodes"),
+        (
+            "source",
+            40,
+            "converged over the shared part: half of the result is within 0.5 of the target's nodes",
+        ),
         ("target", 60, "converged over the shared part: half of the target is within 0.25 of the result"),
     ],
 )
