@@ -15,6 +15,13 @@ REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfac
 # edge and this
 LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
 ROUNDED = 1e-9  # of the size: no distance at all
+OPEN, CLOSED = (
+    0.2,
+    0.05,
+)  # sizes that the border of an open mesh is long, at least, and of a closed one, at most
+DRAWN_OUT = (
+    1.35  # times as much one way as another: whole bones by 1.25 at most, 0.7 of one onto a whole by 1.45
+)
 
 
 def misfit_around(
@@ -113,6 +120,38 @@ def verdict(
     if settings.partial != "none":
         return True, f"converged over the shared part: half of {here} is within {gap:.3g} of {there}"
     return True, f"converged: 99 % of each surface is within {gap:.3g} of the other"
+
+
+def part_of_whole(
+    source: Surface, morphed: Surface, target: Surface, partial: str, converged: bool
+) -> tuple[str, ...]:
+    """Return what to say where a part seems to have been morphed onto a whole, or a whole onto a part.
+
+    Of such a pair, one mesh is cut open and the other is not, and either the two have not come together, or
+    the source was drawn out (or pressed together) much more in one direction than in another.
+    """
+    if partial != "none":
+        return ()
+    ours, theirs = (_border_length(surface) / surface.diagonal for surface in (source, target))
+    if not (min(ours, theirs) <= CLOSED and max(ours, theirs) >= OPEN):
+        return ()
+    before, after = (surface.vertices - surface.vertices.mean(axis=0) for surface in (source, morphed))
+    stretch = np.linalg.svd(np.linalg.lstsq(before, after, rcond=None)[0], compute_uv=False)
+    if converged and stretch[0] < DRAWN_OUT * stretch[-1]:
+        return ()
+    (part, whole), choice = (
+        (("source", "target"), "Source") if ours > theirs else (("target", "source"), "Target")
+    )
+    return (
+        f"the {part} is open and the {whole} closed: if the {part} shows only a part of what the {whole} "
+        f"shows, set Overlap to {choice} is part",
+    )
+
+
+def _border_length(surface: Surface) -> float:
+    """Length of the open border."""
+    ends = surface.edges[surface.border[surface.edges].all(axis=1)]
+    return float(triples.length(surface.vertices[ends[:, 0]] - surface.vertices[ends[:, 1]]).sum())
 
 
 def _percentile(values: Float, share: float) -> float:

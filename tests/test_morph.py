@@ -14,6 +14,7 @@ from surfaces import cut, soup, together
 
 from femors_addon import settings as declared
 from femors_addon import shapes
+from femors_addon.commandline import for_command
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
 from femors_addon.morph_fit import verdict
@@ -154,6 +155,43 @@ def test_the_verdict_on_a_partial_source_is_no_distance_that_is_zero_by_construc
     assert result.after.surface_to_target.median < 1e-9
     assert 0.1 < said < pair.target.mean_edge
     assert said == pytest.approx(np.median(result.residual), rel=0.01)
+
+
+HINT = "set Overlap to "
+
+
+@pytest.mark.parametrize("alignment", ["affine", "rigid"])
+@pytest.mark.parametrize(("low", "high"), [(-99, 150), (250, 999), (-99, 250)])
+def test_a_part_that_is_morphed_onto_a_whole_is_told(pair, low, high, alignment):
+    """Drawn out over the whole it converges all the same; by a rigid alignment it falls short."""
+    source = cut(pair.source, low, high)[0]
+    said = morph(source, pair.target, MorphSettings(alignment=alignment)).warnings
+    assert [for_command(note) for note in said if HINT in note] == [
+        "the source is open and the target closed: if the source shows only a part of what the target shows, "
+        "pass --partial source"
+    ]
+    assert not any(
+        HINT in note for note in morph(source, pair.target, MorphSettings(partial="source")).warnings
+    )
+
+
+def test_a_whole_that_is_morphed_onto_a_part_is_told(pair):
+    (said,) = morph(pair.source, cut(pair.target, -99, 200)[0]).warnings
+    assert "the target is open and the source closed" in said and "set Overlap to Target is part" in said
+
+
+def test_open_meshes_of_the_same_part_are_not_told_of_overlap(pair, morphed):
+    """Both cut; one with a hole; one cut a little shorter; both closed."""
+    height = pair.source.bounds[1][2]
+    holed = Surface(pair.source.vertices, pair.source.faces[6:])
+    results = (
+        morphed,
+        morph(holed, pair.target),
+        morph(cut(pair.source, -99, 200)[0], cut(pair.target, -99, 190)[0]),
+        morph(cut(pair.source, -99, height - 8)[0], pair.target),
+    )
+    assert [[note for note in result.warnings if HINT in note] for result in results] == [[]] * 4
+    assert all(result.converged for result in results)
 
 
 def test_distances_beyond_a_partial_target_are_so_too(pair):
