@@ -111,6 +111,14 @@ def test_metres_beside_millimetres_are_told():
     assert any("unit of length" in note for note in remove_overclosure(bodies).notes)
 
 
+def test_a_body_that_is_merely_far_smaller_is_told_by_its_size_alone():
+    bodies = [Body("bone", sphere(2, 500.0)), Body("bead", sphere(2, 1.0, (600.0, 0.0, 0.0)))]
+    told: list[str] = []
+    check_overclosure(bodies, tell=told.append)
+    assert "'bone' is 500 times as large as 'bead'" in told
+    assert not any("unit" in note for note in told)
+
+
 def test_cancelling_ends_at_once():
     calls = []
 
