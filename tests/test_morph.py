@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from surfaces import cut, soup, together
 
+from femors_addon import morph_outcome, shapes
 from femors_addon import settings as declared
-from femors_addon import shapes
 from femors_addon.commandline import for_command
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
@@ -21,6 +21,7 @@ from femors_addon.morph_fit import verdict
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.quality import flipped_faces
+from femors_addon.report_files import report_bytes
 from femors_addon.transforms import transformed
 
 STAY = MorphSettings(alignment="none")
@@ -212,6 +213,17 @@ def test_the_report_is_json_and_the_summary_text(morphed):
     lines = morphed.summary().splitlines()
     assert 5 < len(lines) < 20
     assert max(map(len, lines)) < 120
+
+
+def test_a_sample_that_tells_the_figures_before_is_told(pair, morphed, monkeypatch):
+    assert "sample" not in json.dumps(morphed.report()) and "sample" not in morphed.summary()
+    monkeypatch.setattr(morph_outcome, "BEFORE", 300)
+    result = morph(pair.source, pair.target)
+    said = "aligned: distances at a sample of the vertices, at most 300 of each mesh"
+    assert said in result.summary().splitlines()
+    assert json.loads(report_bytes("r.json", result.report(), "t"))["sampled"] == said
+    assert f'sampled,"{said}"' in report_bytes("r.csv", result.report(), "t").decode().splitlines()
+    assert f"<td>{said}</td>" in report_bytes("r.html", result.report(), "t").decode()
 
 
 def test_progress_rises_and_says_where_it_is(pair):
