@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from . import settings as declared
+from . import triples
 from .carry import FADE, Carrier
 from .cleaning import clean
 from .mesh import Float, Surface
@@ -125,6 +126,8 @@ class Transfer:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if not len(points):
             raise FemorsError("has no points to be carried")
+        if (bad := triples.unfit(points)) is not None:
+            raise FemorsError(triples.complaint(bad, "points", lambda row: row + 1))
         onto = 0 if self.onto is None else len(self.onto.surface.vertices)
         self.carrier.require(onto + len(points))
         way = self.carrier.uncarry if self.settings.inverse else self.carrier.carry
