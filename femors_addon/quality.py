@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .intersect import Piercings, crossings, piercings, self_intersections
-from .limits import Limits
+from .limits import free_threads
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 from .progress import Progress, part, silent
@@ -209,7 +209,7 @@ def nearest_vertex_distance(points: ArrayLike, target_vertices: ArrayLike) -> Fl
     target = np.asarray(target_vertices, dtype=np.float64).reshape(-1, 3)
     if not len(points) or not len(target):
         return np.zeros(len(points))
-    return np.asarray(cKDTree(target, balanced_tree=False).query(points, workers=Limits.threads)[0])
+    return np.asarray(cKDTree(target, balanced_tree=False).query(points, workers=free_threads())[0])
 
 
 def _used(surface: Surface) -> Float:
