@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -140,13 +140,15 @@ def result_of(
     settings: OverclosureSettings,
     history: tuple[Step, ...],
     stop: str,
+    through: Mapping[tuple[str, str], str],
 ) -> OverclosureResult:
-    """Put the result together; `stop` says why the loop ended early, or is ""."""
+    """Put the result together; `stop` says why the loop ended early, or is "", `through` see `Removal`."""
     jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
     jobs += [partial(figures_of, solid, efforts) for solid in solids]
     notes, *bodies = together(jobs)
     reasons = [
-        _reason(finding, solids, after, stop) + _sheets(finding, solids)
+        _reason(finding, solids, after, stop, through.get(finding.names, ""))
+        + ("" if finding.names in through else _sheets(finding, solids))
         for finding in after
         if not finding.clear
     ]
@@ -169,8 +171,10 @@ def result_of(
     )
 
 
-def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding], stop: str) -> str:
-    """Say why a pair is not clear."""
+def _reason(
+    finding: Finding, solids: Sequence[Solid], after: Sequence[Finding], stop: str, sheet: str
+) -> str:
+    """Say why a pair is not clear; `sheet` is which of the two runs right through the other, or ""."""
     of = {solid.name: solid for solid in solids}
     one, two = of[finding.one], of[finding.two]
     place = ", ".join(f"{x:.4g}" for x in finding.where)
@@ -183,6 +187,10 @@ def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding],
     left = f"{finding.depth:.4g} deep, {counted(finding.crossings, 'pair')} of triangles crossing"
     if finding.state == NEAR:
         left = f"{finding.least:.4g} apart where {finding.gap:g} is asked for"
+    elif sheet:
+        body = two.name if sheet == one.name else one.name
+        remedy = "move it to the side where it belongs, or exclude the pair"
+        return f"{where}: {left}; '{sheet}' is open and runs right through '{body}': {remedy}"
     for body, other in ((one, two), (two, one)):
         rivals = [
             name
