@@ -188,9 +188,9 @@ def _reason(
     if finding.state == NEAR:
         left = f"{finding.least:.4g} apart where {finding.gap:g} is asked for"
     elif sheet:
-        body = two.name if sheet == one.name else one.name
+        whole = two.name if sheet == one.name else one.name
         remedy = "move it to the side where it belongs, or exclude the pair"
-        return f"{where}: {left}; '{sheet}' is open and runs right through '{body}': {remedy}"
+        return f"{where}: {left}; '{sheet}' is open and runs right through '{whole}': {remedy}"
     for body, other in ((one, two), (two, one)):
         rivals = [
             name
