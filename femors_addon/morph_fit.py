@@ -19,9 +19,7 @@ OPEN, CLOSED = (
     0.2,
     0.05,
 )  # sizes that the border of an open mesh is long, at least, and of a closed one, at most
-DRAWN_OUT = (
-    1.35  # times as much one way as another: two whole femora 1.21, 0.7 of one onto a whole 1.46
-)
+DRAWN_OUT = 1.35  # times as much one way as another: whole femora 1.21, 0.7 of one onto a whole 1.46
 
 
 def misfit_around(
