@@ -15,7 +15,7 @@ REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfac
 # edge and this
 LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
 ROUNDED = 1e-9  # of the size: no distance at all
-OPEN, CLOSED = 0.2, 0.05  # sizes: length of the border of an open mesh, at least, and of a closed one, at most
+OPEN, CLOSED = 0.2, 0.05  # sizes: how long the border of an open mesh is at least, of a closed one at most
 DRAWN_OUT = 1.35  # times as much one way as another: whole femora 1.21, 0.7 of one onto a whole 1.46
 
 
