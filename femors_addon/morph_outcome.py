@@ -16,7 +16,7 @@ from .grnn import DisplacementField
 from .intersect import self_intersections
 from .keptfield import KeptField
 from .mesh import Float, Surface
-from .morph_fit import misfit_around, verdict
+from .morph_fit import misfit_around, part_of_whole, verdict
 from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
@@ -152,8 +152,9 @@ def result_of(
     crossed = after.self_intersecting - before.self_intersecting
     edge = max(outcome.aligned.mean_edge, target.mean_edge)
     converged, reason = verdict(
-        outcome.to_target, back.distance, settings, target.diagonal, edge, weights is not None
+        outcome.to_target, back.distance, residual, settings, target.diagonal, edge, weights is not None
     )
+    hints = part_of_whole(outcome.source.surface, morphed, target, settings.partial, converged)
     progress(1.0, "done")
     return MorphResult(
         vertices=vertices,
@@ -164,7 +165,7 @@ def result_of(
         history=tuple(history),
         converged=converged,
         stop_reason=reason,
-        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad, crossed)),
+        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad, crossed), *hints),
         before=before,
         after=after,
         surface_distance=distance,

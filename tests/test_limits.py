@@ -9,8 +9,9 @@ import threading
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from femors_addon import cells, crew, frames, grnn, intersect, limits, nearest
+from femors_addon import cells, crew, frames, grnn, intersect, limits, nearest, quality
 from femors_addon import morph as morph_module
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
@@ -122,6 +123,34 @@ def test_threads_change_no_bit(job, monkeypatch):
         limits.allow(threads, 0)
         np.testing.assert_array_equal(job(), one)
     assert {2, 3} <= started, "it runs in threads at all"
+
+
+def test_a_search_takes_no_more_threads_than_are_left(monkeypatch):
+    """On its own all that are allowed, beside a job the rest, and one within a thread or as that job."""
+    taken = []
+
+    class Tree(cKDTree):
+        def query(self, points, workers=1):
+            taken.append(workers)
+            return super().query(points)
+
+    monkeypatch.setattr(quality, "cKDTree", Tree)
+
+    def search(*_):
+        quality.nearest_vertex_distance(BONES.source.vertices, BONES.target.vertices)
+
+    limits.allow(3, 0)
+    search()
+    list(limits.in_threads(search, range(2)))
+    assert taken == [3, 1, 1]
+    begun, done = threading.Event(), threading.Event()
+    with limits.aside(lambda progress: (search(), begun.set(), done.wait(60))) as result:
+        assert begun.wait(60)
+        search()
+        done.set()
+        result()
+    search()
+    assert taken[3:] == [1, 2, 3]
 
 
 def test_no_threads_asked_are_all_there_are():
