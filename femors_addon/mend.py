@@ -19,10 +19,11 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from . import triples
+from .balls import enclosing_balls
 from .cached import cached_property
 from .correspond import FACING, at_border, interpolated_normals
 from .folds import Reference, folded, harmonic
-from .intersect import enclosing_balls, self_intersections
+from .intersect import self_intersections
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex

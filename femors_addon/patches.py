@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from . import triples
-from .intersect import enclosing_balls
+from .balls import enclosing_balls
 from .mesh import Float, Int, Surface
 
 

@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from femors_addon import crew, frames, intersect, limits, nearest
+from femors_addon import balls, crew, frames, limits, nearest
 from femors_addon import morph as morph_module
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
@@ -87,7 +87,7 @@ JOBS = (closest, transferred, transferred_back, field, crossed, examined, separa
 def test_threads_change_no_bit(job, monkeypatch):
     monkeypatch.setattr(nearest, "BLOCK_PAIRS", 4000)  # so that there are several blocks
     monkeypatch.setattr(frames, "BLOCK", 500)
-    monkeypatch.setattr(intersect, "AT_ONCE", 500)
+    monkeypatch.setattr(balls, "AT_ONCE", 500)
     limits.allow(1, 0)
     one = job()
     started = set()
