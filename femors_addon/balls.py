@@ -125,6 +125,20 @@ def _meetings(balls: Balls) -> Iterator[Search]:
             yield Search(balls, balls, part, parts[j])
 
 
+def touching(some: list[Balls], others: list[Balls]) -> Index:
+    """Return the faces of the first of which balls overlap any of the others', ascending.
+
+    What the first are is searched as it is: cheap where the others are few.
+    """
+    found = [np.empty(0, dtype=np.int64)]
+    for one in some:
+        for two in others:
+            pairs = one.tree.sparse_distance_matrix(two.tree, _reach(one, two), output_type="ndarray")
+            near = pairs["v"] <= (one.radius[pairs["i"]] + two.radius[pairs["j"]]) * (1 + 1e-9)
+            found.append(one.face[pairs["i"][near]])
+    return np.unique(np.concatenate(found))
+
+
 def _reach(one: Balls, two: Balls) -> float:
     """Distance between centres beyond which no two balls of these overlap."""
     return float(one.radius.max() + two.radius.max()) * (1 + 1e-9)

@@ -47,15 +47,17 @@ class Reference:
         return np.asarray(self.__dict__["crossing"])
 
 
-def folded(reference: Reference, moved: Surface) -> Int:
+def folded(reference: Reference, moved: Surface, rows: Int | slice = slice(None)) -> Int:
     """Faces folded over or pressed flat, or about to be, in `moved`, but not in `reference`.
+
+    Where `moved` is a part of the mesh, `rows` (m,) tells which faces of the reference it has.
 
     A face folds over against its own surroundings. It is pressed flat where nodes come to lie on one
     point or line, as they may where a coarse target has a corner.
     """
-    before = reference.facing
+    before = reference.facing[rows]
     over = (before > 0) & (_facing(moved) < np.minimum(0.05, 0.5 * before))
-    flat = (_slimness(moved) < FLAT) & (reference.slimness >= FLAT)
+    flat = (_slimness(moved) < FLAT) & (reference.slimness[rows] >= FLAT)
     return np.flatnonzero(over | flat).astype(np.int32)
 
 
