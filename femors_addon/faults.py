@@ -135,7 +135,7 @@ class Judge:
         moved[faces] = True
         near = moved.copy()
         # those that moved as well are in the state's balls where they were
-        near[touching(state.balls, size_classes(surface, faces))] = True
+        near[touching(state.balls, size_classes(surface, faces.astype(np.int64)))] = True
         some = np.flatnonzero(near)
         found = some[self_intersections(Surface(surface.vertices, surface.faces[some]))]
         found = found.astype(np.int32).reshape(-1, 2)
