@@ -125,18 +125,20 @@ def _meetings(balls: Balls) -> Iterator[Search]:
             yield Search(balls, balls, part, parts[j])
 
 
-def touching(some: list[Balls], others: list[Balls]) -> Index:
-    """Return the faces of the first of which balls overlap any of the others', ascending.
+def overlapping(some: list[Balls], others: list[Balls]) -> tuple[Index, Index]:
+    """Return the pairs (face of the first, face of the second) of balls that overlap, in no order.
 
-    What the first are is searched as it is: cheap where the others are few.
+    Faces in pieces are in several. The trees are searched as they are: cheap where either are few.
     """
-    found = [np.empty(0, dtype=np.int64)]
+    found = [np.empty((2, 0), dtype=np.int64)]
     for one in some:
         for two in others:
             pairs = one.tree.sparse_distance_matrix(two.tree, _reach(one, two), output_type="ndarray")
-            near = pairs["v"] <= (one.radius[pairs["i"]] + two.radius[pairs["j"]]) * (1 + 1e-9)
-            found.append(one.face[pairs["i"][near]])
-    return np.unique(np.concatenate(found))
+            i, j = pairs["i"], pairs["j"]
+            near = np.flatnonzero(pairs["v"] <= (one.radius[i] + two.radius[j]) * (1 + 1e-9))
+            found.append(np.stack((one.face[i[near]], two.face[j[near]])))
+    first, second = np.concatenate(found, axis=1)
+    return first, second
 
 
 def _reach(one: Balls, two: Balls) -> float:

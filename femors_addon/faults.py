@@ -9,12 +9,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import triples
-from .balls import Balls, size_classes, touching
+from .balls import Balls, Index, size_classes
 from .cached import cached_property
 from .folds import Reference, folded
-from .intersect import self_intersections
+from .intersect import crossings_of
 from .mesh import Float, Int, Surface
 from .patches import Part, faces_at
 from .quality import aspect_ratio, closed_components, degenerate, inverted, opposed
@@ -71,14 +72,17 @@ class Judge:
     Parameters
     ----------
     rest : Surface
-        The part as it was in the source.
+        The whole mesh as it was in the source.
     reference : Reference
-        The part as the displacement starts from.
+        The whole mesh as the displacement starts from.
     part : Part
+        Of these.
     """
 
     def __init__(self, rest: Surface, reference: Reference, part: Part) -> None:
-        self.rest, self.reference, self.part = rest, reference, part
+        self.part, self.rest = part, part.of(rest)
+        self._whole, self.reference = reference, Reference(part.of(reference.surface))
+        rest = self.rest
         self._slender = slender(rest)
         self._opposed, self._flat = opposed(rest), degenerate(rest)
         # components inside out are told by all of their faces: there may be some in a part of many
@@ -90,11 +94,18 @@ class Judge:
         """The part as the displacement starts from."""
         return self.reference.surface
 
-    def state(self, positions: Float, pairs: Int | None = None) -> State:
-        """Judge all faces at some positions (k, 3); `pairs` (q, 2) cross, if that is known."""
+    @cached_property
+    def _crossing(self) -> Int:
+        """Faces (q,) that cross others in the reference, wherever these are."""
+        return np.flatnonzero(np.isin(self.part.faces, self._whole.crossing)).astype(np.int32)
+
+    def state(self, positions: Float, known: Index) -> State:
+        """Judge all faces at some positions (k, 3); crossings are looked for of the `known` (q,) alone."""
         surface = self.aligned.moved(positions)
-        found = self_intersections(surface) if pairs is None else pairs
-        return self._state(surface, self._own(surface, slice(None)), found)
+        balls = size_classes(surface, np.arange(len(surface.faces)))
+        out = self._state(surface, self._own(surface, slice(None)), crossings_of(surface, known, balls))
+        out.__dict__["balls"] = balls
+        return out
 
     def after(self, state: State, positions: Float) -> State:
         """Judge anew where nodes are not where they are in `state`: their faces, and those around."""
@@ -119,28 +130,22 @@ class Judge:
             bad[inverted(self.rest, surface)] = 1.0
         bad[~self.part.whole] = 0.0
         if len(pairs):
-            bad[np.setdiff1d(np.unique(pairs), self.reference.crossing)] = 1.0
+            bad[np.setdiff1d(np.unique(pairs), self._crossing)] = 1.0
         return State(surface, pairs, own, bad)
 
-    def _own(self, moved: Surface, rows: Int | slice) -> Float:
+    def _own(self, moved: Surface, rows: NDArray | slice) -> Float:
         """How bad faces (r,) are but for crossings and components inside out; `rows` tells which they are."""
         out = SQUEEZED * (aspect_ratio(moved) > self._slender[rows])
         out[folded(self.reference, moved, rows)] = 1.0
         out[(opposed(moved) & ~self._opposed[rows]) | (degenerate(moved) & ~self._flat[rows])] = 1.0
         return np.asarray(out)
 
-    def _crossed(self, state: State, surface: Surface, faces: Int) -> Int:
+    def _crossed(self, state: State, surface: Surface, faces: Index) -> Int:
         """Return the pairs of faces (q, 2) that cross once some faces have moved; only those are tested."""
         moved = np.zeros(len(surface.faces), dtype=bool)
         moved[faces] = True
-        near = moved.copy()
-        # those that moved as well are in the state's balls where they were
-        near[touching(state.balls, size_classes(surface, faces.astype(np.int64)))] = True
-        some = np.flatnonzero(near)
-        found = some[self_intersections(Surface(surface.vertices, surface.faces[some]))]
-        found = found.astype(np.int32).reshape(-1, 2)
         kept = state.pairs[~moved[state.pairs].any(axis=1)]
-        return np.concatenate((kept, found[moved[found].any(axis=1)]))
+        return np.concatenate((kept, crossings_of(surface, faces, state.balls)))
 
 
 def slender(rest: Surface) -> Float:

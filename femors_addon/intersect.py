@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triples
-from .balls import Index, Search, searches
+from .balls import Balls, Index, Search, overlapping, searches, size_classes
 from .limits import in_threads
 from .mesh import Float, Int, Surface
 from .progress import Progress, silent
@@ -91,12 +91,7 @@ def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
 
     def test(search: Search) -> Index:
         out = [np.empty((0, 2), dtype=np.int64)]
-        for pairs in search.candidates():
-            f, g, f_over_g, g_over_f = straddling(planes_a, pairs[0], planes_b, pairs[1])
-            rows = pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
-            back = pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
-            rows = np.concatenate((rows, back))
-            out.append(np.column_stack((f[rows], g[rows])))
+        out += [_crossing(planes_a, f, planes_b, g, a is b) for f, g in search.candidates()]
         return np.concatenate(out)
 
     found = [np.empty((0, 2), dtype=np.int64)]
@@ -113,6 +108,31 @@ def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
 def self_intersections(surface: Surface, progress: Progress = silent) -> Int:
     """Return the pairs (k, 2) int32 of faces of a surface that cross, lower index first, in order."""
     return crossings(surface, surface, progress)
+
+
+def crossings_of(surface: Surface, some: Index, balls: list[Balls]) -> Int:
+    """Return the pairs (k, 2) int32 of a surface's faces that cross, of which one or both are of some faces.
+
+    They are what `self_intersections` gives. `balls` are those of all faces, or of where these were before
+    the chosen ones moved.
+    """
+    if not len(some):
+        return np.empty((0, 2), dtype=np.int32)
+    chosen = np.zeros(len(surface.faces), dtype=bool)
+    chosen[some] = True
+    own = size_classes(surface, np.flatnonzero(chosen))
+    f, g = overlapping(balls, own)
+    other = ~chosen[f]
+    one, two = overlapping(own, own)
+    once = one < two
+    pairs = np.stack((np.concatenate((f[other], one[once])), np.concatenate((g[other], two[once]))))
+    pairs.sort(axis=0)
+    near = np.flatnonzero(np.bincount(pairs.ravel(), minlength=len(surface.faces)))
+    planes = Planes.of(Surface(surface.vertices, surface.faces[near]))[0]
+    f, g = np.searchsorted(near, pairs)
+    rows = _crossing(planes, f, planes, g, True)
+    keys = np.unique(near[rows[:, 0]] * len(surface.faces) + near[rows[:, 1]])
+    return np.column_stack(np.divmod(keys, max(len(surface.faces), 1))).astype(np.int32)
 
 
 # --- the test ---------------------------------------------------------------------------------------
@@ -143,6 +163,15 @@ class Planes:
             planes = np.concatenate((corners[:, 0], s.face_normals), axis=1)
             out.append(cls(s.faces, s.vertices, corners, planes, tolerance))
         return out
+
+
+def _crossing(one: Planes, f: Index, two: Planes, g: Index, same: bool) -> Index:
+    """Return those (k, 2) of the pairs (f, g) of faces that cross; some twice."""
+    f, g, f_over_g, g_over_f = straddling(one, f, two, g)
+    rows = pierced(one, f, two, g, f_over_g, same)[0]
+    back = pierced(two, g, one, f, g_over_f, same)[0]
+    rows = np.concatenate((rows, back))
+    return np.column_stack((f[rows], g[rows]))
 
 
 def straddling(one: Planes, f: Index, two: Planes, g: Index) -> tuple[Index, Index, Float, Float]:

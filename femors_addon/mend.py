@@ -63,8 +63,8 @@ def mended(
     progress : Progress
         May raise `Cancelled`.
     left : (k,) int
-        Faces that are known to be folded or to cross others; crossings are not looked for elsewhere than
-        around these and others that want mending.
+        Faces that are known to be folded or to cross others; crossings are looked for of these, of others
+        that want mending, and of what moves.
 
     Returns
     -------
@@ -86,8 +86,8 @@ def mended(
     may = ~aligned.border if free is None else ~aligned.border & (free > 0)
     far = FARTHEST * moved.mean_edge
     part = Part.around(wanting, moved, may, REACH, far)
-    judge = Judge(part.of(rest), Reference(part.of(aligned)), part)
-    begun = judge.state(positions[part.nodes])
+    judge = Judge(rest, reference, part)
+    begun = judge.state(positions[part.nodes], np.searchsorted(part.faces, wanting))
     unseen = len(np.setdiff1d(known, part.faces[begun.worst]))  # a component inside out, all of it
     state = spread_out(judge, begun, target, settings, CLOSE, section(progress, 0.0, 0.3))
     if len(state.worst):
@@ -99,9 +99,11 @@ def mended(
     for limit, stage in ((far, (0.6, 0.8)), (farther, (0.8, 1.0))):
         if not len(state.worst):  # else fit is given up where it takes that
             break
-        part = Part.around(part.faces[state.worst], aligned.moved(out), may, max(BACK), limit)
-        judge = Judge(part.of(rest), Reference(part.of(aligned)), part)
-        state = step_back(judge, judge.state(out[part.nodes]), target, settings, section(progress, *stage))
+        worst = part.faces[state.worst]
+        part = Part.around(worst, aligned.moved(out), may, max(BACK), limit)
+        judge = Judge(rest, reference, part)
+        state = judge.state(out[part.nodes], np.searchsorted(part.faces, worst))
+        state = step_back(judge, state, target, settings, section(progress, *stage))
         out = part.carried(out, state.positions)
     changed = (out != positions).any(axis=1)  # rounding must not move the others
     after = displacement.copy()
@@ -138,7 +140,8 @@ def spread_out(
         patches = Hanging.of(aligned, inside)
         fewer = patches.better(state.bad, after.bad)
         fewer &= patches.small(triples.length(trial - state.positions), LARGEST * part.count, part.far)
-        after = judge.after(state, np.where(fewer[:, None], trial, state.positions))
+        if not fewer.all():
+            after = judge.after(state, np.where(fewer[:, None], trial, state.positions))
         if after.bad.sum() < state.bad.sum():
             state = after
     return state

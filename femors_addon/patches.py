@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from . import triples
-from .balls import enclosing_balls
+from .balls import Index, enclosing_balls
 from .mesh import Float, Int, Surface
 
 
@@ -85,13 +85,13 @@ def patch(surface: Surface, faces: Int, rings: int) -> np.ndarray:
     return inside
 
 
-def faces_at(surface: Surface, nodes: Int) -> Int:
+def faces_at(surface: Surface, nodes: Int) -> Index:
     """Faces (k,) at some nodes (of any shape), ascending; at the cost of these."""
     order, first = surface.corner_order
     nodes = np.unique(nodes)
     start, count = first[nodes], first[nodes + 1] - first[nodes]
     rows = np.arange(count.sum()) + np.repeat(start - (np.cumsum(count) - count), count)
-    return np.unique(order[rows])
+    return np.unique(order[rows]).astype(np.int64)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

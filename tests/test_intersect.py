@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from femors_addon import balls
-from femors_addon.intersect import crossings, piercings, self_intersections
+from femors_addon.intersect import crossings, crossings_of, piercings, self_intersections
 from femors_addon.mesh import Surface
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import bone, box, sphere
@@ -217,6 +217,24 @@ def test_the_order_of_faces_and_vertices_does_not_matter():
     shuffled = Surface(a.vertices[vertices], np.roll(place[a.faces[faces]], 1, axis=1)[:, ::-1])
     again = faces[self_intersections(shuffled)]
     assert as_set(np.sort(again, axis=1)) == as_set(self_intersections(a))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_crossings_of_some_faces_are_those_of_all(seed):
+    rng = np.random.default_rng(seed)
+    a = soup(rng, np.where(rng.random(300) < 0.1, 1.0, 0.1), sliver=20.0)
+    some = np.unique(rng.integers(0, 300, 25))
+    whole = self_intersections(a)
+    expected = whole[np.isin(whole, some).any(axis=1)]
+    assert len(expected) > 20
+    around = balls.size_classes(a, np.arange(300))
+    np.testing.assert_array_equal(crossings_of(a, some, around), expected)
+    # where the chosen ones were before does not matter
+    corners = a.corners + np.isin(np.arange(300), some)[:, None, None] * rng.normal(size=(300, 1, 3))
+    moved = Surface(corners.reshape(-1, 3), a.faces)
+    whole = self_intersections(moved)
+    np.testing.assert_array_equal(crossings_of(moved, some, around), whole[np.isin(whole, some).any(axis=1)])
+    assert len(crossings_of(a, some[:0], around)) == len(crossings_of(sphere(1), some[:3], [])) == 0
 
 
 def test_small_blocks_and_cut_up_faces_find_the_same(monkeypatch):

@@ -91,11 +91,11 @@ def test_what_is_told_around_moved_nodes_is_what_is_told_of_all(seed):
     fine = sphere(4)
     rough = fine.vertices + 0.4 * fine.mean_edge * rng.normal(size=fine.vertices.shape)
     judge = Judge(fine, Reference(fine), whole(fine))
-    before = judge.state(rough)
+    before = judge.state(rough, np.arange(len(fine.faces)))
     after = rough.copy()
     nodes = rng.integers(0, len(rough), 30)
     after[nodes] += 3.0 * fine.mean_edge * rng.normal(size=(30, 3))
-    got, all_of_it = judge.after(before, after), judge.state(after)
+    got, all_of_it = judge.after(before, after), judge.state(after, np.arange(len(fine.faces)))
     assert len(all_of_it.pairs) > len(before.pairs) / 2
     assert {*map(tuple, got.pairs)} == {*map(tuple, all_of_it.pairs)}
     assert len(got.pairs) == len(all_of_it.pairs)
@@ -112,11 +112,11 @@ def test_a_component_that_is_turned_inside_out_is_told_though_few_nodes_move():
     judge = Judge(both, Reference(both), whole(both))
     turned = both.vertices.copy()
     turned[42:, 2] *= -1
-    before = judge.state(both.vertices)
+    before = judge.state(both.vertices, [])
     assert not before.bad.any()
     got = judge.after(before, turned)
     assert set(np.flatnonzero(got.bad)) == set(range(80, 160))
-    np.testing.assert_array_equal(judge.state(turned).bad, got.bad)
+    np.testing.assert_array_equal(judge.state(turned, []).bad, got.bad)
     assert not judge.after(got, both.vertices).bad.any()
 
 
@@ -131,21 +131,21 @@ def _looked_at(monkeypatch, ball):
     """How many faces are judged, and pairs of them tested, where a fold is mended by stepping back."""
     _, displacement = _pulled(ball, 1.4)
     judge = Judge(ball, Reference(ball), whole(ball))
-    state = judge.state(ball.vertices + displacement)
+    state = judge.state(ball.vertices + displacement, np.arange(len(ball.faces)))
     assert len(state.worst)
     count = {"faces": 0, "crossing": 0}
-    own, crossing = Judge._own, faults.self_intersections
+    own, crossing = Judge._own, faults.crossings_of
 
     def counted_own(self, moved, rows):
         count["faces"] += len(moved.faces)
         return own(self, moved, rows)
 
-    def counted_crossing(surface):
-        count["crossing"] += len(surface.faces)
-        return crossing(surface)
+    def counted_crossing(surface, some, balls):
+        count["crossing"] += len(some)
+        return crossing(surface, some, balls)
 
     monkeypatch.setattr(Judge, "_own", counted_own)
-    monkeypatch.setattr(faults, "self_intersections", counted_crossing)
+    monkeypatch.setattr(faults, "crossings_of", counted_crossing)
     after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
     monkeypatch.undo()
     assert not len(after.worst)
@@ -207,7 +207,7 @@ def test_nodes_that_may_not_move_stay(ball):
 def _judged(ball, positions):
     """A judge of all of a ball, and what is bad at some positions."""
     judge = Judge(ball, Reference(ball), whole(ball))
-    return judge, judge.state(positions)
+    return judge, judge.state(positions, np.arange(len(ball.faces)))
 
 
 def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
