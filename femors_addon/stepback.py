@@ -7,8 +7,8 @@ each site takes the one that leaves least bad in it; then its nodes return to th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+import dataclasses
+from collections.abc import Iterator
 from operator import attrgetter
 
 import numpy as np
@@ -25,10 +25,7 @@ from .patches import Hanging, evened, patch, turned
 from .progress import Progress, silent
 from .relax import averaging
 
-BACK, BETWEEN = (
-    (1, 2, 3, 5, 8),
-    (4, 6),
-)  # edges around a bad face that step back; and where none of these helps
+BACK = (1, 2, 3, 4, 5, 6, 8)  # edges around a bad face that step back
 ROUNDS = 8  # of averaging, per edge of the patch's width
 TIMES = 12  # that a way is chosen: where bones have nothing in common each takes away a little, and long
 TURNS = (0.3, 1.5)  # heights that a face on its back is given when it is turned over, beside its own
@@ -44,119 +41,90 @@ def step_back(
     towards the target as far as no face gets worse. Nothing goes farther than `judge.part.far` from where
     it was, which would be another fault.
     """
-    state, mean, stuck = begun, averaging(judge.aligned), np.empty(0, dtype=np.int32)
+    state, mean = begun, averaging(judge.aligned)
+    tried: dict[int, Float] = {}  # where nodes were when patches of so many edges were last tried
     for _ in range(TIMES):
-        at = np.setdiff1d(state.worst, stuck)
-        if not len(at):
+        before = state
+        for rings in BACK:
+            places = _Places.around(judge, state, rings, tried.get(rings))
+            tried[rings] = state.positions
+            if len(places.at):
+                state = _best(judge, begun, state, places, mean, progress)
+        if state is before:
             break
-        sites = _Sites(judge, state, at)
-        state = sites.best(begun, mean, progress)
-        stuck = np.union1d(stuck, at[~sites.helped(at)])
     nodes = np.flatnonzero(triples.some(state.positions != begun.positions))
     nearer = _approached(judge, state, nodes, target, settings, progress)
     far = triples.length(nearer.positions - begun.positions).max(initial=0.0) > judge.part.far
     return state if far else nearer
 
 
-class _Sites:
-    """Places with bad faces, so far from each other that each may take a way of its own."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Places:
+    """Faces that are folded or cross others (q,), and the nodes within some edges of them, which may move."""
 
-    def __init__(self, judge: Judge, state: State, at: Int) -> None:
-        self._judge, self._state, self._at = judge, state, at
-        self._hanging = Hanging.of(judge.aligned, patch(judge.aligned, at, max(BACK)) & judge.part.may)
-        self._before = self._tally(state)
-        self._helped = np.zeros(self._hanging.count + 1, dtype=bool)
+    at: Int
+    inside: np.ndarray
+    rings: int
 
-    def helped(self, faces: Int) -> np.ndarray:
-        """Whether some faces (r,) are of sites that `best` has changed."""
-        return np.asarray(self._helped[self._hanging.of_faces(faces)])
+    @classmethod
+    def around(cls, judge: Judge, state: State, rings: int, tried: Float | None) -> _Places:
+        """All there are, but for patches where nothing has moved since they were at the positions `tried`."""
+        at = state.worst
+        inside = patch(judge.aligned, at, rings) & judge.part.may
+        if tried is not None and len(at):
+            moved = inside & triples.some(state.positions != tried)
+            inside = Hanging.of(judge.aligned, inside).all_of(moved)
+            at = at[triples.some(inside[judge.aligned.faces[at]])]
+        return cls(at, inside, rings)
 
-    def best(self, begun: State, mean: sparse.csr_matrix, progress: Progress) -> State:
-        """The state in which each site has taken the way that leaves least bad in it, if any leaves less."""
-        judge, state, least = self._judge, self._state, self._before
-        positions, single = state.positions.copy(), state
-        for way, late in _ways(judge, state, mean):
-            progress(0.5, "stepping back from the target")
-            # a site that has nothing bad any more needs no wider way
-            done = self._helped if late else self._clean(least)
-            at = self._at[~done[self._hanging.of_faces(self._at)]]
-            if not len(at):
-                continue
-            after = self._tried(begun, *way(at))
-            tally = self._tally(after)
-            fewer = _less(tally, least)
-            fewer[-1] = False
-            taken = fewer[self._hanging.label]
-            positions[taken] = after.positions[taken]
-            self._helped |= fewer
-            least = [np.where(fewer, new, old) for new, old in zip(tally, least, strict=True)]
-            single = min(single, after, key=attrgetter("tally"))
-        found = min(judge.after(state, positions), single, key=attrgetter("tally"))
-        if found is single:  # sites are in each other's way after all
-            moved = triples.some(found.positions != state.positions)
-            self._helped[:] = False
-            self._helped[self._hanging.label[moved]] = True
-        return found
 
-    def _tried(self, begun: State, trial: Float, inside: np.ndarray) -> State:
-        """The state where the patches that a trial mends, and no others, have moved."""
-        judge, state = self._judge, self._state
+def _best(
+    judge: Judge, begun: State, state: State, places: _Places, mean: sparse.csr_matrix, progress: Progress
+) -> State:
+    """The state in which each patch has taken the way that leaves least bad in it, if any leaves less."""
+    patches = Hanging.of(judge.aligned, places.inside)
+    trials, least, positions = [], _tally(patches, state), state.positions.copy()
+    for trial in _ways(judge, state, places, mean):
+        progress(0.5, "stepping back from the target")
         after = judge.after(state, trial)
         if after is state:
-            return state
-        patches = Hanging.of(judge.aligned, inside)
-        fewer = patches.better(state.bad, after.bad)
-        fewer &= patches.small(triples.length(trial - begun.positions), judge.part.count, judge.part.far)
-        return after if fewer.all() else judge.after(state, np.where(fewer[:, None], trial, state.positions))
-
-    def _tally(self, state: State) -> list[np.ndarray]:
-        """How many faces of each site are folded over or cross others, and how bad they are."""
-        rows = np.flatnonzero(state.bad)
-        site, bad = self._hanging.of_faces(rows), state.bad[rows]
-        return [np.bincount(site, weights, self._hanging.count + 1) for weights in (bad >= 1.0, bad)]
-
-    def _clean(self, tally: list[np.ndarray]) -> np.ndarray:
-        """Whether nothing in a site is folded over or crosses others, nor more squeezed than before."""
-        return (tally[0] == 0) & (tally[1] < self._before[1] - self._before[0] + 1e-9)
-
-
-def _less(one: list[np.ndarray], two: list[np.ndarray]) -> np.ndarray:
-    """Where the first tally is less than the second."""
-    return (one[0] < two[0]) | ((one[0] == two[0]) & (one[1] < two[1] - 1e-9))
+            continue
+        small = patches.small(triples.length(trial - begun.positions), judge.part.count, judge.part.far)
+        left = _tally(patches, after)
+        fewer = (left[0] < least[0]) | ((left[0] == least[0]) & (left[1] < least[1] - 1e-9))
+        taken = fewer[patches.label] & small & places.inside
+        positions[taken] = trial[taken]
+        least = np.where(np.isin(np.arange(patches.count + 1), patches.label[taken]), left, least)
+        trials.append(
+            np.where((patches.better(state.bad, after.bad) & small)[:, None], trial, state.positions)
+        )
+    found = judge.after(state, positions)
+    if found is not state and found.tally >= state.tally:  # patches are in each other's way after all
+        found = min((judge.after(state, trial) for trial in trials), key=attrgetter("tally"))
+    return found if found.tally < state.tally else state
 
 
-def _ways(
-    judge: Judge, state: State, mean: sparse.csr_matrix
-) -> Iterator[tuple[Callable[[Int], tuple[Float, np.ndarray]], bool]]:
-    """Ways to mend some bad faces, and whether each is only for where no other helps.
+def _tally(patches: Hanging, state: State) -> Float:
+    """How many faces of each patch are folded over or cross others, and how bad its faces are: (2, p + 1)."""
+    rows = np.flatnonzero(state.bad)
+    where, bad = patches.of_faces(rows), state.bad[rows]
+    return np.stack([np.bincount(where, each, patches.count + 1) for each in (bad >= 1.0, bad)])
 
-    They give the positions (k, 3) to try, and the nodes (k,) that they move.
+
+def _ways(judge: Judge, state: State, places: _Places, mean: sparse.csr_matrix) -> Iterator[Float]:
+    """Positions (k, 3) to try, in which no nodes have moved but those `inside`.
 
     A single face that lies on its back is turned over a side; patches go back off the target, for `aligned`
     has neither folds nor crossings that are not its own, and a harmonic displacement makes none as long as
     it differs little from node to node; or they are evened out.
     """
-    aligned, may, positions = judge.aligned, judge.part.may, state.positions
-
-    def over(at: Int, side: int, share: float) -> tuple[Float, np.ndarray]:
-        ring = patch(aligned, at, 1) & may
-        return np.where(ring[:, None], turned(state.surface, at, side, share), positions), ring
-
-    def back(at: Int, rings: int) -> tuple[Float, np.ndarray]:
-        inside = patch(aligned, at, rings) & may
-        away = harmonic(positions - aligned.vertices, inside, mean, rings)
-        return np.where(inside[:, None], aligned.vertices + away, positions), inside
-
-    def even(at: Int, rings: int) -> tuple[Float, np.ndarray]:
-        inside = patch(aligned, at, rings) & may
-        return evened(aligned, positions, np.flatnonzero(inside), ROUNDS * rings), inside
-
-    for share in TURNS:
+    aligned, positions, inside, rings = judge.aligned, state.positions, places.inside, places.rings
+    for share in TURNS if rings == 1 else ():
         for side in range(3):
-            yield partial(over, side=side, share=share), False
-    for rings in (*BACK, *BETWEEN):
-        yield partial(back, rings=rings), rings in BETWEEN
-        yield partial(even, rings=rings), rings in BETWEEN
+            yield np.where(inside[:, None], turned(state.surface, places.at, side, share), positions)
+    away = harmonic(positions - aligned.vertices, inside, mean, rings)
+    yield np.where(inside[:, None], aligned.vertices + away, positions)
+    yield evened(aligned, positions, np.flatnonzero(inside), ROUNDS * rings)
 
 
 def _approached(

@@ -265,8 +265,30 @@ def test_places_far_from_each_other_take_ways_of_their_own(monkeypatch):
     judge, state = _judged(ball, positions)
     assert face in state.worst and len(state.worst) > 1
     monkeypatch.setattr(stepback, "TIMES", 1)
+    monkeypatch.setattr(stepback, "BACK", (1,))
     after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
     assert not len(after.worst)
+
+
+def test_what_did_not_help_is_not_tried_again_where_nothing_has_moved(ball, monkeypatch):
+    """One fold is mended, another is too far gone: in the second round nobody looks at it."""
+    positions = ball.vertices + _pulled(ball, 1.3)[1]
+    far = int(np.argmin(ball.vertices @ ball.vertices[200]))
+    positions[far] *= -1.0
+    judge, state = _judged(ball, positions)
+    tried = []
+    ways = stepback._ways
+
+    def recorded(judge, state, places, mean):
+        tried.append((places.rings, len(places.at)))
+        return ways(judge, state, places, mean)
+
+    monkeypatch.setattr(stepback, "_ways", recorded)
+    after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
+    assert 0 < len(after.worst) < len(state.worst)
+    widths = [rings for rings, _ in tried]
+    assert set(widths) == set(stepback.BACK)
+    assert widths.count(max(stepback.BACK)) == 1, tried
 
 
 def test_as_the_last_resort_nodes_go_farther(ball, monkeypatch):
