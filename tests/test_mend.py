@@ -250,24 +250,27 @@ def test_a_face_on_its_back_is_turned_over_and_nothing_else_moves(ball):
     assert set(np.flatnonzero(step)) <= set(corners) and step.max() < 0.5 * ball.mean_edge
 
 
-def test_places_far_from_each_other_take_ways_of_their_own(monkeypatch):
-    """Of two folds one is turned over, the other goes back: both in the first round."""
-    ball = sphere(4)
-    face = int(np.argmin(ball.corners[:, :, 0].sum(axis=1)))
-    node = int(np.argmax(ball.vertices[:, 0]))
-    corners, other = ball.faces[face], ball.adjacency[node].indices[0]
+def test_places_far_from_each_other_take_ways_of_their_own(ball, monkeypatch):
+    """Of two ways each mends one of two places: both places are well in the first round."""
+    nodes = np.array([200, int(np.argmin(ball.vertices @ ball.vertices[200]))])
+    others = [ball.adjacency[node].indices[0] for node in nodes]
     positions = ball.vertices.copy()
-    here = ball.vertices[corners]
-    across = np.cross(ball.face_normals[face], here[1] - here[0])
-    across /= np.linalg.norm(across)
-    positions[corners] -= 1.1 * ((here - here.mean(axis=0)) @ across)[:, None] * across
-    positions[node] += 1.4 * (ball.vertices[other] - ball.vertices[node])
+    positions[nodes] += 1.4 * (ball.vertices[others] - ball.vertices[nodes])
     judge, state = _judged(ball, positions)
-    assert face in state.worst and len(state.worst) > 1
-    monkeypatch.setattr(stepback, "TIMES", 1)
+    asked = []
+
+    def two(judge, state, places, mean):
+        for node in nodes:
+            asked.append(node)
+            trial = state.positions.copy()
+            trial[node] = ball.vertices[node]
+            yield trial
+
+    monkeypatch.setattr(stepback, "_ways", two)
     monkeypatch.setattr(stepback, "BACK", (1,))
     after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
-    assert not len(after.worst)
+    assert len(state.worst) > 2 and not len(after.worst)
+    assert asked == list(nodes)
 
 
 def test_what_did_not_help_is_not_tried_again_where_nothing_has_moved(ball, monkeypatch):
