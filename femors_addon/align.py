@@ -17,7 +17,7 @@ from .mesh import Float, Surface
 from .poses import best_start, canonical_frame
 from .progress import Progress, silent
 from .transforms import inverse, landmark_transform, transformed
-from .units import unit_factor
+from .units import unit_factor, unlike_sizes
 
 TOLERANCE = 1e-5  # of the target's size: ICP ends when no sample moves by more
 DOUBT = "the part fits the whole in several places about equally well: look at the pose, or give landmarks"
@@ -81,12 +81,14 @@ def align(
         From `progress`.
     """
     factor, said = _units(source, target, partial, fix_units)
+    # to scale a source that seems to be in another unit would be to convert the unit unasked
+    rigid = bool(said) and factor is None
+    said += unlike_sizes(source, target, partial)
     start = np.eye(4) if factor is None else np.diag([factor, factor, factor, 1.0])
     if kind == "none":
         work = _registration(source, target, partial, start, samples)
         return Alignment(start, float(matched(work, np.eye(4)[None]).misfit[0]), said)
-    if said and factor is None:  # to scale it all the same would be to convert the unit unasked
-        kind = "rigid"
+    kind = "rigid" if rigid else kind
     progress(0.0, "alignment: samples")
     # in its own principal frame the source is reduced alike from whatever pose it comes
     canonical = canonical_frame(transformed(start, source.vertices))

@@ -9,12 +9,12 @@ deformation that it follows, and from `FADE` of the size on it is left more and 
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from .cached import cached_property
 from .frames import SmoothMap, principal_stretches, ramp
 from .keptfield import KeptField
 from .limits import require_nodes

@@ -4,26 +4,24 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .cached import cached_property
 from .limits import in_threads
-from .mesh import Float, Int
+from .mesh import Float, Int, Single
 from .progress import Progress, silent
 
 LN2 = math.log(2.0)
 WIDEST = 3.0  # cut-off lengths that a cell may measure: single precision bears no more
 CELL_FILL = 6  # centres a cell, at least, on average
-CACHED = 250_000  # kernel values of a meeting of cells at a time: 1 MB, for the processor's cache
+CACHED = 1_000_000  # kernel values of a meeting of cells at a time: 4 MB, for the processor's cache
+TOGETHER = 1_000_000  # kernel values between two reports of progress, and handed to a thread at once
+CALLS = 30_000  # kernel values that take as long as the calls for one meeting of cells
 
-TOGETHER = 64  # meetings of cells between two reports of progress, and handed to a thread at once
-
-Single = NDArray[np.float32]
+Meeting = tuple[slice, list[slice]]  # queries of one cell, centres of the 27 around it
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,7 +68,7 @@ class Cells:
         start = np.searchsorted(self.keys, base - 1, side="left")
         return start, np.searchsorted(self.keys, base + 1, side="right")
 
-    def meetings(self, cell: Int) -> Iterator[tuple[slice, list[slice]]]:
+    def meetings(self, cell: Int) -> Iterator[Meeting]:
         """Yield (queries, centres of the 27 cells around theirs) for each cell that has both.
 
         Parameters
@@ -121,7 +119,7 @@ class Cells:
         left[:, 4] = -_square(x) if shift is None else shift[rows] - _square(x)
         found = np.zeros((len(rows), k), np.float32)
 
-        def meet(some: list[tuple[slice, list[slice]]]) -> int:
+        def meet(some: list[Meeting]) -> int:
             for queries, ranges in some:
                 near = np.concatenate([packed[part] for part in ranges])
                 c = near[:, k + 3 :] - cell[queries.start].astype(np.float32)
@@ -139,8 +137,10 @@ class Cells:
                     np.matmul(weights, near[:, :k], out=found[part])
             return some[-1][0].stop
 
-        meetings = self.meetings(cell)
-        for done in in_threads(meet, iter(lambda: list(itertools.islice(meetings, TOGETHER)), [])):
+        meetings = np.count_nonzero(np.diff(self._key(cell))) + 1
+        # where each has little to work on, threads would only wait for each other's calls
+        each = in_threads if len(rows) * self.typical > CALLS * meetings else map
+        for done in each(meet, _together(self.meetings(cell))):
             progress(done / len(points), "displacement field")
         out = np.zeros((len(points), k), np.float32)
         out[rows] = found
@@ -152,6 +152,19 @@ class Cells:
     def _within(self, points: Float, cell: Int, scale: float) -> Single:
         """Place (p, 3) of points in their cells, from the middle of each, times `scale`."""
         return ((points - self.low - (cell - 0.5) * self.size) * scale).astype(np.float32)
+
+
+def _together(meetings: Iterator[Meeting]) -> Iterator[list[Meeting]]:
+    """Yield meetings of cells in lists of about as much work."""
+    some, work = [], 0
+    for queries, ranges in meetings:
+        some.append((queries, ranges))
+        work += (queries.stop - queries.start) * sum(part.stop - part.start for part in ranges) + CALLS
+        if work > TOGETHER:
+            yield some
+            some, work = [], 0
+    if some:
+        yield some
 
 
 def _cell(points: Float, low: Float, size: float) -> Int:

@@ -52,7 +52,8 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     Raises
     ------
     FemorsError
-        No faces, fewer than four vertices, no extent in some direction, non-finite coordinates.
+        No faces, fewer than four vertices, no extent in some direction, coordinates that are not finite
+        or too large.
     """
     raw = _named(name, vertices, triangles)
     notes: list[str] = []
@@ -91,6 +92,9 @@ def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
         surface = Surface(np.asarray(vertices), np.asarray(triangles))
     except FemorsError as error:
         raise FemorsError(f"{name}: {error}") from None
+    if (bad := triples.unfit(surface.vertices)) is not None:
+        words = triples.complaint(bad, "vertices", lambda row: f"vertex {row}")
+        raise FemorsError(f"{name}: {words}; repair or delete them")
     if len(surface.faces) == 0:
         raise FemorsError(f"{name}: has no faces; a surface mesh is needed")
     return surface

@@ -171,9 +171,10 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
     else:
         before, world, moved = _deck(transfer, thing, progress)
         written = deckfiles.written(thing.with_coordinates(moved.points), Path(out))
-    unlike = transfer.unlike(before)
-    notes = [note for note in moved.notes if not unlike or note not in transfer.small(before)]
-    moved = dataclasses.replace(moved, notes=(*notes, *written.notes), faults=tuple(unlike) or moved.faults)
+    sizes, units = transfer.unlike(before)
+    notes = [note for note in moved.notes if not (sizes or units) or note not in transfer.small(before)]
+    notes += [*sizes, *written.notes]
+    moved = dataclasses.replace(moved, notes=tuple(notes), faults=tuple(units) or moved.faults)
     return _Output(path, written.files, moved, None, lambda: carried(before, world, (), _faces(thing)))
 
 

@@ -155,6 +155,8 @@ def _same(one: str, two: str) -> bool:
 
 TICKS = {
     "tick Convert units": "pass --fix-units",
+    "set Overlap to Source is part": "pass --partial source",
+    "set Overlap to Target is part": "pass --partial target",
     "set Overlap": "pass --partial source (or target)",
     "tick Mirror if better": "pass --fix-mirror",
     "the limit in the preferences": "the limit of --memory",

@@ -123,21 +123,22 @@ def _sound(vector: Float, normal: Float, other: Float, partial: str) -> np.ndarr
     return facing & (length <= OUTLIER * np.median(length[facing])) if facing.any() else facing
 
 
-def widening(field: DisplacementField, points: Float) -> Float:
+def widening(field: DisplacementField, points: Float, progress: Progress = silent) -> Float:
     """Evaluate a field at points (p, 3), with a spread that grows as the centres recede.
 
     For what lies beyond a partial target: the field itself is there what the nearest centre says, and
     the error of a single vector, added up over the iterations, would carry half a bone away. The
     spread is that of the field up to one spread from the centres, and the distance from there on.
     """
-    out = field(points)
+    out = field(points, progress)
     distance = cKDTree(field.centres).query(points)[0]
     spread = field.spread
     while (distance > spread).any():
         rows = np.flatnonzero((distance > spread) & (distance <= 2.0 * spread))
         share = np.log2(distance[rows] / spread)[:, None]
         near, far = (
-            dataclasses.replace(field, spread=width)(points[rows]) for width in (spread, 2.0 * spread)
+            dataclasses.replace(field, spread=width)(points[rows], progress)
+            for width in (spread, 2.0 * spread)
         )
         out[rows] = (1.0 - share) * near + share * far
         spread *= 2.0

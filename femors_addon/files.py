@@ -102,19 +102,30 @@ def check_folder(folder: Location) -> None:
 
 @contextlib.contextmanager
 def folder_for(folder: Location) -> Iterator[None]:
-    """Make a folder, unless it is there, for files that the body writes; it goes again where they fail."""
-    fresh = not os.path.isdir(folder)
+    """Make a folder, with those that it is in, for files that the body writes.
+
+    Where they fail, or one of the folders does, those that were made go again.
+    """
+    made: list[Path] = []
     try:
-        os.makedirs(folder, exist_ok=True)
-    except OSError as error:
-        raise FemorsError(f"{folder}: cannot be made ({_reason(error)})") from None
-    try:
+        _make(folder, made)
         yield
     except BaseException:
-        if fresh:
+        for path in reversed(made):
             with contextlib.suppress(OSError):  # something else stands in it by now
-                os.rmdir(folder)
+                path.rmdir()
         raise
+
+
+def _make(folder: Location, made: list[Path]) -> None:
+    """Make a folder and those that it is in, and tell which; raise `FemorsError` where one cannot be."""
+    try:
+        for path in (*reversed(Path(folder).parents), Path(folder)):
+            if not path.is_dir():
+                path.mkdir()
+                made.append(path)
+    except OSError as error:
+        raise FemorsError(f"{folder}: cannot be made ({_reason(error)})") from None
 
 
 def write_bytes(path: Location, data: bytes) -> None:

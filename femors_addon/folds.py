@@ -74,11 +74,11 @@ def _facing(surface: Surface) -> Float:
     return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around))
 
 
-def bad_faces(reference: Reference, moved: Surface) -> Int:
+def bad_faces(reference: Reference, moved: Surface, progress: Progress = silent) -> Int:
     """Faces folded over or crossing others in `moved`, though not in `reference`."""
-    crossing = np.unique(self_intersections(moved))
+    crossing = np.unique(self_intersections(moved, progress))
     if len(crossing):
-        crossing = np.setdiff1d(crossing, reference.crossing)
+        crossing = np.setdiff1d(crossing, reference.crossed(progress))
     return np.union1d(folded(reference, moved), crossing).astype(np.int32)
 
 

@@ -22,14 +22,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage, sparse
 from scipy.spatial import cKDTree
 
+from .cached import cached_property
 from .cells import LN2, Cells
+from .limits import in_threads
 from .mesh import Float, Int, frozen
 from .progress import FemorsError, Progress, silent
 
@@ -42,6 +43,7 @@ GRID_CELLS = 3_000_000
 TAP_COST = 3.2  # of each node of the grid that a centre is laid on or a query read from, in kernel values
 FEW = 16  # points: to sort the centres for them takes longer than to look at them all
 BLOCK = 4_000_000  # kernel values at a time: 16 MB in single, 32 MB in double precision
+ASKED = 8_000  # queries of the tree at a time
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +97,7 @@ class DisplacementField:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if len(points) <= FEW or len(points) * len(self.centres) <= BLOCK // 8:
             return self.exact(points, progress)
-        nearest = self._tree.query(points)[0] / self.spread
+        nearest = self._nearest(points)
         out = np.empty_like(points)
         start = 0.0
         for limit in (*REACHES, math.inf):
@@ -140,6 +142,11 @@ class DisplacementField:
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.centres)
+
+    def _nearest(self, points: Float) -> Float:
+        """Distance (p,) of each query to the nearest centre, in spreads."""
+        parts = (points[start : start + ASKED] for start in range(0, len(points), ASKED))
+        return np.concatenate(list(in_threads(lambda part: self._tree.query(part)[0], parts))) / self.spread
 
     def _by_cells(self, cells: Cells, points: Float, nearest: Float, progress: Progress) -> Float:
         """Evaluate over the centres in the 27 cells around each query."""
@@ -213,19 +220,24 @@ class _Grid:
         cells = math.prod(self.shape)
         grids = np.zeros((cells, 4))
         values = np.column_stack((field.displacements, np.ones(len(field.centres))))
-        for rows in _parts(len(field.centres)):
-            progress(0.4 * rows.start / len(field.centres), "displacement field")
+        for rows in _parts(len(values)):
+            progress(0.4 * rows.start / len(values), "displacement field")
             grids += self._taps(field.centres[rows]).T @ values[rows]
         # a B-spline has a twelfth of its order plus one as variance: taken off for laying and for reading
         narrow = math.sqrt(self.sigma**2 - (self.order + 1) / 6.0)
         kernel = _gauss(narrow, self.radius)
-        for column in range(4):
-            progress(0.4 + 0.1 * column, "displacement field")
+
+        def smoothed(column: int) -> int:
             grid = np.ascontiguousarray(grids[:, column]).reshape(self.shape)
             for axis in range(3):
                 grid = ndimage.correlate1d(grid, kernel, axis=axis, mode="constant")
             grids[:, column] = grid.ravel()
+            return column
+
+        for column in in_threads(smoothed, range(4)):
+            progress(0.4 + 0.1 * column, "displacement field")
         out = np.empty_like(points)
+
         for rows in _parts(len(points)):
             progress(0.8 + 0.2 * rows.start / len(points), "displacement field")
             sums = self._taps(points[rows]) @ grids
@@ -234,6 +246,21 @@ class _Grid:
 
     def _taps(self, points: Float) -> sparse.csr_matrix:
         """B-spline weights (p, cells), 64 or 27 of each point; those of points off the grid are zero."""
+        count, each = len(points), (self.order + 1) ** 3
+        weights, index = np.empty((count, each)), np.empty((count, each), np.int32)
+
+        def fill(start: int) -> None:
+            rows = slice(start, start + ASKED)
+            self._tap(points[rows], weights[rows], index[rows])
+
+        for _ in in_threads(fill, range(0, count, ASKED)):
+            pass
+        start = np.arange(0, each * count + 1, each, dtype=np.int32)
+        taps = (weights.ravel(), index.ravel(), start)
+        return sparse.csr_matrix(taps, shape=(count, math.prod(self.shape)))
+
+    def _tap(self, points: Float, weights: Float, index: Int) -> None:
+        """Write the weights and the nodes (p, taps) of some points."""
         at = (points - self.low) / self.step
         width = self.order + 1
         base = (np.floor(at) if self.order == 3 else np.rint(at)).astype(np.int32)
@@ -241,15 +268,14 @@ class _Grid:
         inside = ((base >= 1) & (base + width - 2 < self.shape)).all(axis=1)
         base = np.clip(base, 1, np.array(self.shape, dtype=np.int32) - width + 1)
         spline = np.stack(_cubic(t) if self.order == 3 else _quadratic(t), axis=1)
+        spline[:, :, 0] *= inside[:, None]
         offset = np.arange(-1, width - 1, dtype=np.int32)
         x, y, z = (base[:, axis, None] + offset for axis in range(3))
         column = (x[:, :, None] * self.shape[1] + y[:, None, :])[..., None] * self.shape[2]
-        index = column + z[:, None, None, :]
-        weights = spline[:, :, None, None, 0] * spline[:, None, :, None, 1] * spline[:, None, None, :, 2]
-        weights *= inside[:, None, None, None]
-        start = np.arange(0, width**3 * len(points) + 1, width**3, dtype=np.int32)
-        taps = (weights.ravel(), index.ravel(), start)
-        return sparse.csr_matrix(taps, shape=(len(points), math.prod(self.shape)))
+        cube = (len(points), width, width, width)
+        np.add(column, z[:, None, None, :], out=index.reshape(cube))
+        plane = spline[:, :, None, 0] * spline[:, None, :, 1]
+        np.multiply(plane[..., None], spline[:, None, None, :, 2], out=weights.reshape(cube))
 
 
 def _cubic(t: Float) -> tuple[Float, ...]:

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
+from .cached import cached_property
 from .mesh import Int
 from .volume_faces import Ids
 

@@ -73,6 +73,11 @@ def _begin() -> None:
     within.thread = True
 
 
+def free_threads() -> int:
+    """Return how many threads may be at work for who asks: one within those that are at work already."""
+    return 1 if getattr(within, "thread", False) else max(Limits.threads - Limits.aside, 1)
+
+
 def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
     """Yield what the work returns for each part, in their order, in as many threads as are allowed.
 
@@ -80,8 +85,8 @@ def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
     may raise, `Cancelled` for instance: parts that have not begun are dropped. Within such a thread parts are
     worked on one after the other, for threads that start threads would be more than are allowed.
     """
-    threads = Limits.threads - Limits.aside
-    if threads < 2 or getattr(within, "thread", False):
+    threads = free_threads()
+    if threads < 2:
         yield from map(work, parts)
         return
     pool, waiting = ThreadPoolExecutor(threads, initializer=_begin), deque[Future[R]]()

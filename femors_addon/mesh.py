@@ -16,6 +16,7 @@ from .progress import FemorsError
 from .triples import Float
 
 Int = NDArray[np.int32]
+Single = NDArray[np.float32]
 
 TOPOLOGY = ("edges", "edge_faces", "border", "components", "adjacency", "vertex_faces", "corner_order")
 

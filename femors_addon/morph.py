@@ -11,6 +11,7 @@ can be set.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -32,7 +33,7 @@ from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
 from .morph_work import Work
 from .outgrowths import reached
-from .progress import FemorsError, Preview, Progress, part, silent
+from .progress import FemorsError, Preview, Progress, part, silent, within
 from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, stages
 from .steer import Steering
@@ -256,15 +257,17 @@ def _run(
     for number, iteration in enumerate(stage.iterations):
         if calm and number < count - 1:
             continue  # nothing moves any more: only the last and finest is left to try
+        where = f"{stage.name}, {len(rest.vertices)} nodes, iteration {number + 1} of {count}"
+        under_way = within(progress, number / count, where)
         moved = rest.moved(rest.vertices + displacement)
-        vectors = _vectors(moved, aim, target, iteration.normal_weight, settings.partial)
+        vectors = _vectors(moved, aim, target, iteration.normal_weight, settings.partial, under_way)
         if not len(vectors.centres):
             break
         asked = vectors.displacements if published else shortened(vectors.displacements, iteration.spread)
         # the next iteration measures anew what a rough field leaves
         field = DisplacementField(vectors.centres, asked, iteration.spread, rough=not published)
-        given = widening(field, moved.vertices) if settings.partial == "target" else field(moved.vertices)
-        step = stage.step_scale * given
+        along = functools.partial(widening, field) if settings.partial == "target" else field
+        step = stage.step_scale * along(moved.vertices, under_way)
         after = slide(moved, displacement + step, mean, settings.sliding)
         if pull is not None:
             after = pull(after, iteration.spread)
@@ -276,7 +279,6 @@ def _run(
         history.append(
             Step(stage.name, len(rest.vertices), number + 1, vectors.rms, largest, iteration.spread)
         )
-        where = f"{stage.name}, {len(rest.vertices)} nodes, iteration {number + 1} of {count}"
         progress((number + 1) / count, f"{where}, RMS {vectors.rms:.3g}")
         watch(stage.level, displacement)
         calm = largest < settings.tolerance * work.size
@@ -284,8 +286,13 @@ def _run(
 
 
 def _vectors(
-    moved: Surface, aim: Surface, target: Target, normal_weight: float | None, partial: str
+    moved: Surface,
+    aim: Surface,
+    target: Target,
+    normal_weight: float | None,
+    partial: str,
+    progress: Progress,
 ) -> Vectors:
     if normal_weight is None:
-        return by_surface(moved, target, partial)
+        return by_surface(moved, target, partial, progress)
     return by_nearest(moved, aim, normal_weight, partial)

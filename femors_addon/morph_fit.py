@@ -15,6 +15,8 @@ REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfac
 # edge and this
 LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
 ROUNDED = 1e-9  # of the size: no distance at all
+OPEN, CLOSED = 0.2, 0.05  # sizes: how long the border of an open mesh is at least, of a closed one at most
+DRAWN_OUT = 1.35  # times as much one way as another: whole femora 1.21, 0.7 of one onto a whole 1.46
 
 
 def misfit_around(
@@ -67,17 +69,26 @@ def misfit_around(
 
 
 def verdict(
-    to_target: Float, from_target: Float, settings: MorphSettings, size: float, edge: float, weighted: bool
+    to_target: Float,
+    from_target: Float,
+    around: Float,
+    settings: MorphSettings,
+    size: float,
+    edge: float,
+    weighted: bool,
 ) -> tuple[bool, str]:
     """Whether the surfaces have come together, and in which words.
 
     A fit is reached when 99 % of each surface is within an edge and a little of the other. The face
-    that closes a cut has no counterpart: a partial mesh is judged by its median.
+    that closes a cut has no counterpart: a partial mesh is judged by its median. Of a partial source the
+    nodes were laid onto the target, and what is beyond it is not asked for: around them is looked.
 
     Parameters
     ----------
     to_target, from_target : (n,), (k,) float64
         Distances of the morphed nodes to the target's surface, and of its nodes to the morphed surface.
+    around : (n,) float64
+        Misfit around the morphed nodes, see `misfit_around`.
     settings : MorphSettings
     size, edge : float
         Of the target, and the mean edge of the coarser of the two.
@@ -89,7 +100,9 @@ def verdict(
     limit = edge + REACH * size
     asked, name = (99.0, "99 %") if settings.partial == "none" else (50.0, "half")
     gaps: list[tuple[float, str, str, Float]] = []
-    if settings.partial != "target":
+    if settings.partial == "source":
+        gaps.append((_percentile(around, asked), "the result", "the target's nodes around it", around))
+    if settings.partial == "none":
         gaps.append((_percentile(to_target, asked), "the result", "the target", to_target))
     if settings.partial != "source":
         gaps.append((_percentile(from_target, asked), "the target", "the result", from_target))
@@ -102,6 +115,38 @@ def verdict(
     if settings.partial != "none":
         return True, f"converged over the shared part: half of {here} is within {gap:.3g} of {there}"
     return True, f"converged: 99 % of each surface is within {gap:.3g} of the other"
+
+
+def part_of_whole(
+    source: Surface, morphed: Surface, target: Surface, partial: str, converged: bool
+) -> tuple[str, ...]:
+    """Return what to say where a part seems to have been morphed onto a whole, or a whole onto a part.
+
+    Of such a pair, one mesh is cut open and the other is not, and either the two have not come together, or
+    the source was drawn out (or pressed together) much more in one direction than in another.
+    """
+    if partial != "none":
+        return ()
+    ours, theirs = (_border_length(surface) / surface.diagonal for surface in (source, target))
+    if not (min(ours, theirs) <= CLOSED and max(ours, theirs) >= OPEN):
+        return ()
+    before, after = (surface.vertices - surface.vertices.mean(axis=0) for surface in (source, morphed))
+    stretch = np.linalg.svd(np.linalg.lstsq(before, after, rcond=None)[0], compute_uv=False)
+    if converged and stretch[0] < DRAWN_OUT * stretch[-1]:
+        return ()
+    (part, whole), choice = (
+        (("source", "target"), "Source") if ours > theirs else (("target", "source"), "Target")
+    )
+    return (
+        f"the {part} is open and the {whole} closed: if the {part} shows only a part of what the {whole} "
+        f"shows, set Overlap to {choice} is part",
+    )
+
+
+def _border_length(surface: Surface) -> float:
+    """Length of the open border."""
+    ends = surface.edges[surface.border[surface.edges].all(axis=1)]
+    return float(triples.length(surface.vertices[ends[:, 0]] - surface.vertices[ends[:, 1]]).sum())
 
 
 def _percentile(values: Float, share: float) -> float:

@@ -16,7 +16,7 @@ from .grnn import DisplacementField
 from .intersect import self_intersections
 from .keptfield import KeptField
 from .mesh import Float, Surface
-from .morph_fit import misfit_around, verdict
+from .morph_fit import misfit_around, part_of_whole, verdict
 from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
@@ -140,7 +140,7 @@ def result_of(
     vertices = outcome.vertices(given.vertices, weights)
     progress(0.2, "measuring")
     distance = outcome.distances(vertices)
-    back, residual = _way_back(outcome, settings.partial)
+    back, residual = _way_back(outcome, settings.partial, part(progress, 0.2, 0.6))
     progress(0.6, "measuring")
     before, after = outcome.before, _after(outcome, back)
     aligned = transformed(outcome.matrix, given.vertices)
@@ -152,8 +152,9 @@ def result_of(
     crossed = after.self_intersecting - before.self_intersecting
     edge = max(outcome.aligned.mean_edge, target.mean_edge)
     converged, reason = verdict(
-        outcome.to_target, back.distance, settings, target.diagonal, edge, weights is not None
+        outcome.to_target, back.distance, residual, settings, target.diagonal, edge, weights is not None
     )
+    hints = part_of_whole(outcome.source.surface, morphed, target, settings.partial, converged)
     progress(1.0, "done")
     return MorphResult(
         vertices=vertices,
@@ -164,7 +165,7 @@ def result_of(
         history=tuple(history),
         converged=converged,
         stop_reason=reason,
-        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad, crossed)),
+        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad, crossed), *hints),
         before=before,
         after=after,
         surface_distance=distance,
@@ -174,10 +175,10 @@ def result_of(
     )
 
 
-def _way_back(outcome: Outcome, partial: str) -> tuple[Closest, Float]:
+def _way_back(outcome: Outcome, partial: str, progress: Progress) -> tuple[Closest, Float]:
     """Closest points of the target's vertices on the morphed source, and the misfit around its nodes."""
     target, index = outcome.target.surface, SurfaceIndex(outcome.morphed)
-    back = index.closest(target.vertices)
+    back = index.closest(target.vertices, progress)
     return back, misfit_around(outcome.morphed, outcome.to_target, target, back, partial, index)
 
 

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 from typing import Any
 
 from numpy.typing import ArrayLike
 
+from .cached import cached_property
 from .carry import Carrier
 from .files import Location
 from .grnn import DisplacementField
@@ -140,6 +140,13 @@ class MorphResult:
             figures,
         )
 
+    @property
+    def sampled(self) -> str:
+        """What to say where a sample tells how far the aligned source was; "" where all vertices do."""
+        most = f"{self.before.sample:,}".replace(",", " ")
+        words = f"aligned: distances at a sample of the vertices, at most {most} of each mesh"
+        return words if self.before.sample else ""
+
     def report(self) -> dict[str, Any]:
         """Return everything but the arrays, for JSON."""
         return {
@@ -150,6 +157,7 @@ class MorphResult:
             "warnings": list(self.warnings),
             "before": self.before.as_dict(),
             "after": self.after.as_dict(),
+            **({"sampled": self.sampled} if self.sampled else {}),
             "history": [dataclasses.asdict(step) for step in self.history],
             "cpu_seconds": round(self.seconds, 3),
             **({} if self.steering is None else {"landmarks": self.steering.as_dict()}),
@@ -170,6 +178,7 @@ class MorphResult:
             lines.append(f"{label:28}{getattr(self.before, name)!s:44}{getattr(self.after, name)!s}")
         for label, name in (("flipped faces", "flipped"), ("self-intersecting faces", "self_intersecting")):
             lines.append(f"{label:28}{getattr(self.before, name):<44}{getattr(self.after, name)}")
+        lines += [self.sampled] if self.sampled else []
         if self.steering is not None:
             lines.append(self.steering.sentence())
         lines.append(f"{self.stop_reason}; {self.seconds:.1f} s of CPU time")

@@ -90,8 +90,8 @@ class Work:
         progress(0.0, "reduced meshes")
         counts = _counts(source, target, settings)
         levels, targets, index = at_once(
-            lambda: _reduced_upright(source, counts[0]),
-            lambda: pyramid(target, counts[1]),
+            lambda: _reduced_upright(source, counts[0], progress),
+            lambda: pyramid(target, counts[1], progress),
             lambda: SurfaceIndex(target),
         )
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
@@ -119,11 +119,11 @@ def _counts(source: Surface, target: Surface, settings: MorphSettings) -> list[l
     return counts
 
 
-def _reduced_upright(source: Surface, counts: list[int]) -> list[Surface]:
+def _reduced_upright(source: Surface, counts: list[int], progress: Progress) -> list[Surface]:
     """Reduced meshes, made in the mesh's own frame: from whatever pose it came, the same edges collapse."""
     own = canonical_frame(source.vertices)
     upright, back = source.moved(transformed(own, source.vertices)), inverse(own)
-    return [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts)]
+    return [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts, progress)]
 
 
 def _samples(levels: list[Surface], targets: list[Surface]) -> tuple[Surface, Surface] | None:

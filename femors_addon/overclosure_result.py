@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from .intersect import crossings
 from .overclosure_figures import BodyResult, figures_of
 from .overclosure_settings import OverclosureSettings
 from .progress import counted
+from .units import near_unit
 
 if TYPE_CHECKING:
     from .effort import Effort
@@ -139,13 +140,15 @@ def result_of(
     settings: OverclosureSettings,
     history: tuple[Step, ...],
     stop: str,
+    through: Mapping[tuple[str, str], str],
 ) -> OverclosureResult:
-    """Put the result together; `stop` says why the loop ended early, or is ""."""
+    """Put the result together; `stop` says why the loop ended early, or is "", `through` see `Removal`."""
     jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
     jobs += [partial(figures_of, solid, efforts) for solid in solids]
     notes, *bodies = together(jobs)
     reasons = [
-        _reason(finding, solids, after, stop) + _sheets(finding, solids)
+        _reason(finding, solids, after, stop, through.get(finding.names, ""))
+        + ("" if finding.names in through else _sheets(finding, solids))
         for finding in after
         if not finding.clear
     ]
@@ -168,8 +171,10 @@ def result_of(
     )
 
 
-def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding], stop: str) -> str:
-    """Say why a pair is not clear."""
+def _reason(
+    finding: Finding, solids: Sequence[Solid], after: Sequence[Finding], stop: str, sheet: str
+) -> str:
+    """Say why a pair is not clear; `sheet` is which of the two runs right through the other, or ""."""
     of = {solid.name: solid for solid in solids}
     one, two = of[finding.one], of[finding.two]
     place = ", ".join(f"{x:.4g}" for x in finding.where)
@@ -182,6 +187,10 @@ def _reason(finding: Finding, solids: Sequence[Solid], after: Sequence[Finding],
     left = f"{finding.depth:.4g} deep, {counted(finding.crossings, 'pair')} of triangles crossing"
     if finding.state == NEAR:
         left = f"{finding.least:.4g} apart where {finding.gap:g} is asked for"
+    elif sheet:
+        whole = two.name if sheet == one.name else one.name
+        remedy = "move it to the side where it belongs, or exclude the pair"
+        return f"{where}: {left}; '{sheet}' is open and runs right through '{whole}': {remedy}"
     for body, other in ((one, two), (two, one)):
         rivals = [
             name
@@ -254,15 +263,14 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
             )
     sizes = sorted((solid.begun_surface.diagonal, solid.name) for solid in solids)
     if sizes[0][0] * UNLIKE < sizes[-1][0]:
-        notes.append(
-            f"'{sizes[-1][1]}' is {sizes[-1][0] / sizes[0][0]:.0f} times as large as '{sizes[0][1]}': "
-            "are all bodies in one unit of length?"
-        )
+        ratio = sizes[-1][0] / sizes[0][0]
+        words = f"'{sizes[-1][1]}' is {ratio:.0f} times as large as '{sizes[0][1]}'"
+        notes.append(words if near_unit(ratio) is None else f"{words}: are all bodies in one unit of length?")
     of = {solid.name: solid.begun_surface for solid in solids}
     for finding in before:
         size, larger = sorted(of[name].diagonal for name in finding.names)
         if size * UNLIKE < larger:
-            continue  # all that follows would come from the other unit, which is told above
+            continue  # all that follows would come from the sizes, which are told above
         room = max(abs(of[name].volume) for name in finding.names)
         if finding.shared is not None and finding.shared > ALIKE * room > 0:
             notes.append(f"{finding.one} and {finding.two}: take up nearly the same room; are they one body?")

@@ -48,3 +48,8 @@ def unseen(vertices: Any) -> None:
 def part(progress: Progress, start: float, stop: float) -> Progress:
     """Map a sub-task's [0, 1] onto [start, stop] of the task it belongs to."""
     return lambda fraction, text: progress(start + (stop - start) * fraction, text)
+
+
+def within(progress: Progress, start: float, text: str) -> Progress:
+    """Report the same from all of a sub-task: it may be cancelled, and its parts mean nothing to a user."""
+    return lambda _fraction, _text: progress(start, text)

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .intersect import Piercings, crossings, piercings, self_intersections
-from .limits import Limits
+from .limits import free_threads
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 from .progress import Progress, part, silent
@@ -214,7 +214,7 @@ def nearest_vertex_distance(points: ArrayLike, target_vertices: ArrayLike) -> Fl
     target = np.asarray(target_vertices, dtype=np.float64).reshape(-1, 3)
     if not len(points) or not len(target):
         return np.zeros(len(points))
-    return np.asarray(cKDTree(target, balanced_tree=False).query(points, workers=Limits.threads)[0])
+    return np.asarray(cKDTree(target, balanced_tree=False).query(points, workers=free_threads())[0])
 
 
 def _used(surface: Surface) -> Float:
@@ -245,6 +245,8 @@ class Comparison:
         Faces folded over or flattened by the movement, see `flipped_faces`.
     self_intersecting : int
         Morphed faces that cross another, see `self_intersections`.
+    sample : int
+        Vertices of each mesh, at most, that the distances were measured at; 0 for all of them.
     """
 
     surface_to_target: Stat
@@ -256,10 +258,11 @@ class Comparison:
     movement: Stat
     flipped: int
     self_intersecting: int
+    sample: int = dataclasses.field(default=0, compare=False)
 
     def as_dict(self) -> dict[str, dict[str, float] | int]:
-        """Return all of it as plain numbers by name."""
-        return dataclasses.asdict(self)
+        """Return the figures as plain numbers by name."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if name != "sample"}
 
 
 def compare(
@@ -283,6 +286,7 @@ def compare(
     """
     points, aims = _used(morphed), _used(target)
     everything = aims
+    sample = sample if max(len(points), len(aims)) > sample else 0
     if sample:
         points, aims = (those[:: len(those) // (sample + 1) + 1] for those in (points, aims))
     there = back = np.zeros(0)
@@ -307,4 +311,5 @@ def compare(
         movement=Stat.of(triples.length(morphed.vertices - source.vertices)),
         flipped=len(flipped_faces(source, morphed)),
         self_intersecting=self_intersecting,
+        sample=sample,
     )

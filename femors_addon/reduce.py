@@ -10,7 +10,7 @@ import numpy as np
 
 from .cleaning import clean
 from .mesh import Float, Surface
-from .progress import FemorsError
+from .progress import FemorsError, Progress, silent
 from .thinning import thinned
 
 STEP = 50_000
@@ -38,7 +38,7 @@ FLAT = 1e-9  # the same: all in a line
 _alone = threading.Lock()  # it keeps the mesh in variables of the whole process
 
 
-def reduced(surface: Surface, nodes: int) -> Surface:
+def reduced(surface: Surface, nodes: int, progress: Progress = silent) -> Surface:
     """Return a version with about `nodes` nodes, by quadric edge collapse (fast-simplification).
 
     The surface is clean (`cleaning.clean`). With more than `DENSE` nodes it is `thinned` before, as long
@@ -49,6 +49,7 @@ def reduced(surface: Surface, nodes: int) -> Surface:
         return surface
     random = np.random.default_rng(SEED)
     while len(surface.vertices) > max(DENSE, FEWER * nodes):
+        progress(0.0, "reduced meshes")
         try:
             surface = thinned(surface, random)
         except FemorsError:
@@ -61,7 +62,7 @@ def reduced(surface: Surface, nodes: int) -> Surface:
         return surface
     even = _evening(surface)
     if even is not None:
-        inner = reduced(surface.moved(surface.vertices @ even), nodes)
+        inner = reduced(surface.moved(surface.vertices @ even), nodes, progress)
         return inner.moved(inner.vertices @ np.linalg.inv(even))
     low, high = surface.bounds
     centre, scale = (low + high) / 2, max(surface.mean_edge / GRAIN, np.finfo(float).tiny)
@@ -72,6 +73,7 @@ def reduced(surface: Surface, nodes: int) -> Surface:
     triangles = surface.faces[random.permutation(len(surface.faces))]
     with _alone:
         while len(triangles) > faces:
+            progress(0.0, "reduced meshes")
             before = len(triangles)
             wanted = max(before - max(STEP, before // 4), faces)
             points, triangles = fast_simplification.simplify(points, triangles, target_count=wanted)
@@ -98,10 +100,10 @@ def _evening(surface: Surface) -> Float | None:
     return even
 
 
-def pyramid(surface: Surface, counts: list[int]) -> list[Surface]:
+def pyramid(surface: Surface, counts: list[int], progress: Progress = silent) -> list[Surface]:
     """Return versions with about `counts` nodes each, every one from the next finer."""
     out: list[Surface] = []
     for count in sorted(counts, reverse=True):
-        surface = reduced(surface, count)
+        surface = reduced(surface, count, progress)
         out.append(surface)
     return out[::-1]

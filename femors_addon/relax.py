@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from scipy import sparse
 
@@ -11,10 +13,10 @@ from .correspond import FACING, at_border, interpolated_normals
 from .features import FeatureLines
 from .folds import Reference, bad_faces, folded, unfolded
 from .grnn import DisplacementField
-from .mesh import Float, Int, Surface
+from .mesh import Float, Int, Single, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
-from .progress import Preview, Progress, unseen
+from .progress import Preview, Progress, unseen, within
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
@@ -23,8 +25,8 @@ FLOOR = 0.02  # weight of a face without distortion, where one that is badly dis
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
-FACES = 8_000  # of shape matching at a time: what it needs of them stays in the processor's cache
-TINY = np.finfo(np.float64).tiny
+FACES = 16_000  # of shape matching at a time: what it needs of them stays in the processor's cache
+TINY = np.finfo(np.float32).tiny
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
 
 
@@ -69,10 +71,13 @@ class ShapeMatching:
     would have it. Shape and grading come back over a few edges; the large correspondence stays.
 
     It goes block by block through the processor's cache, numbers standing by axis and corner, for it is
-    asked dozens of times.
+    asked dozens of times. Within a face it counts in mean edges and in single precision: a move is exact
+    to a millionth of an edge, and the places that it is added to are as precise as ever.
     """
 
     def __init__(self, source: Surface) -> None:
+        edge = source.mean_edge
+        self._scale = 1.0 / edge if edge > 1e-300 else 1.0
         # indices as NumPy wants them, or each call would make them so
         self._corners, self._count = source.faces.T.astype(np.intp, order="C"), len(source.vertices)
         self._blocks = [slice(at, at + FACES) for at in range(0, len(source.faces), FACES)]
@@ -86,19 +91,19 @@ class ShapeMatching:
 
     def move(self, positions: Float) -> Float:
         """Return the move (n, 3) asked for at positions (n, 3); border nodes stay."""
-        weight = np.empty((3, self._corners.shape[1]))
-        wanted = np.empty((3, 3, self._corners.shape[1]))  # by axis, corner and face
+        weight = np.empty((3, self._corners.shape[1]), np.float32)
+        wanted = np.empty((3, 3, self._corners.shape[1]), np.float32)  # by axis, corner and face
         for block in self._blocks:
             self._changes(positions, block, weight[:, block], wanted[:, :, block])
         at = self._corners.ravel()
-        shared = 1.0 / np.maximum(np.bincount(at, weight.ravel(), self._count), TINY)
+        shared = 1.0 / (self._scale * np.maximum(np.bincount(at, weight.ravel(), self._count), TINY))
         total = np.empty((self._count, 3))
         for axis in range(3):
             total[:, axis] = np.bincount(at, wanted[axis].ravel(), self._count) * shared
         total[self._fixed] = 0.0
         return total
 
-    def _changes(self, positions: Float, block: slice, weight: Float, wanted: Float) -> None:
+    def _changes(self, positions: Float, block: slice, weight: Single, wanted: Single) -> None:
         """Write the weights (3, k) of a block's faces, and the change (3, 3, k), by axis and corner."""
         here_x, here_y, along, across = self._flattened(positions, block)
         rest_x, rest_y, size = self._along[:, block], self._across[:, block], self._size[block]
@@ -119,7 +124,7 @@ class ShapeMatching:
         for axis in range(3):
             np.add(x * along[axis], y * across[axis], out=wanted[axis])
 
-    def _flattened(self, positions: Float, block: slice) -> tuple[Float, Float, Float, Float]:
+    def _flattened(self, positions: Float, block: slice) -> tuple[Single, Single, Single, Single]:
         """Each face of a block in its own plane: centroid at the origin, first side along the first axis.
 
         Returns (the corners' coordinates on that axis and on the one across it, each (3, k); the two
@@ -128,7 +133,8 @@ class ShapeMatching:
         one, two, three = self._corners[:, block]
         start = positions.take(one, axis=0)
         along, across = (
-            np.ascontiguousarray((positions.take(end, axis=0) - start).T) for end in (two, three)
+            np.array(((positions.take(end, axis=0) - start) * self._scale).T, np.float32, order="C")
+            for end in (two, three)
         )
         length = _normalised(along)
         foot = _products(across, along)
@@ -143,14 +149,14 @@ class ShapeMatching:
         )
 
 
-def _products(a: Float, b: Float) -> Float:
+def _products(a: Single, b: Single) -> Single:
     """Products (k,) of vectors (3, k), summed in their order."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-def _normalised(vectors: Float) -> Float:
+def _normalised(vectors: Single) -> Single:
     """Give vectors (3, k) unit length in place, and return their lengths (k,); no length, no direction."""
-    length: Float = np.sqrt(_products(vectors, vectors))
+    length: Single = np.sqrt(_products(vectors, vectors))
     vectors *= np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
     return length
 
@@ -196,21 +202,23 @@ def settle(
     rounds = settings.relaxation + (settings.projection > 0)
     landed, found = np.full_like(displacement, np.nan), None
     for number in range(rounds):
-        progress(number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
+        under_way = within(progress, number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
         begun = positions = aligned.vertices + displacement
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
+            under_way(0.0, "")
             positions = positions + share * SHAPE_STEP * matching.move(positions)
         if settings.projection > 0:
             moved = aligned.moved(positions)
             # the rounds between follow the tangent planes of the first; the last is exact again
             if fresh := found is None or number == rounds - 1:
-                found = target.closest(positions)
+                found = target.closest(positions, under_way)
             step, landed = _to_target(moved, target.surface, found, fresh, lines, settings)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
-    progress(rounds / (rounds + 1), "checking for folded faces")
-    displacement, left = unfolded(reference, displacement, mean, bad_faces, free)
+    under_way = within(progress, rounds / (rounds + 1), "checking for folded faces")
+    judge = functools.partial(bad_faces, progress=under_way)
+    displacement, left = unfolded(reference, displacement, mean, judge, free)
     return displacement, left, landed
 
 

@@ -22,12 +22,13 @@ from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError, Progress, part
 from .removal_loop import loop
-from .separation import thickness
+from .separation import runs_through, thickness
 
 STRIDE = 0.35  # of the thinnest body, where there are more than two: how far one step may go
 STRIDES = 30  # steps that the deepest pair may take to its end, at least as long as it needs for that
 GAINED = 0.4  # of depth or crossings at the start: a state that is not clear and has more is not worth having
 MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
+THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
 TRIES = 3  # certificates that may fail before the loop gives up
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
 
@@ -73,6 +74,8 @@ class Removal:
         That led to it.
     stop : str
         Why it is not clear, or "".
+    through : dict of names of a pair to str
+        Overlapping pairs where a sheet runs right through a body: which of the two is the sheet.
     """
 
     def __init__(
@@ -91,6 +94,7 @@ class Removal:
         self.efforts: list[Effort] = []
         self.history: list[Step] = []
         self.stop = ""
+        self.through: dict[tuple[str, str], str] = {}
 
     def run(self, progress: Progress) -> None:
         """Do what has to be done."""
@@ -102,6 +106,7 @@ class Removal:
         self.efforts = self._begun(bounds)
         if not overlap:
             return
+        self.through = self._run_through()
         self.stop, self.after = self._removed(self.efforts, self.history, part(progress, 0.1, 0.95))
         if self._settings.method == "grnn" and not _clear(self.after, self.efforts):
             self._parted(part(progress, 0.95, 0.97))
@@ -116,7 +121,17 @@ class Removal:
             self._settings,
             tuple(self.history),
             self.stop,
+            self.through,
         )
+
+    def _run_through(self) -> dict[tuple[str, str], str]:
+        of = {solid.name: solid for solid in self.solids}
+        return {
+            finding.names: sheet
+            for finding in self.before
+            for sheet, body in (finding.names, finding.names[::-1])
+            if finding.crossings and runs_through(of[sheet], of[body])
+        }
 
     def _find(self, progress: Progress, bounds: Bounds | None = None) -> list[Finding]:
         """Measure all pairs anew."""
@@ -156,6 +171,9 @@ class Removal:
         that forgotten.
         """
         settings, ours = self._settings, self._settings.method == "grnn"
+        doubtful = all(finding.clear or finding.names in self.through for finding in self.before)
+        if doubtful and ours:
+            settings = dataclasses.replace(settings, iterations=min(settings.iterations, THROUGH))
         for number in range(TRIES if ours else 1):
             share = part(progress, 0.9 * number / TRIES, 0.9)
             stop = METHODS[settings.method](efforts, self.solids, settings, history, share, self._preview)
@@ -167,7 +185,7 @@ class Removal:
                 break
             for effort in efforts:
                 effort.pair.forget()
-        if stop and ours and not _better(after, self.before):
+        if stop and ours and (doubtful or not _better(after, self.before)):
             for solid in self.solids:
                 solid.put(solid.rest)
             return stop, list(self.before)

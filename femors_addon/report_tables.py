@@ -37,6 +37,7 @@ WORDS = {
     "seconds": "Time (s)",
     "femors": "FEMORS version",
     "stop_reason": "Verdict",
+    "sampled": "Before the morph",
     "xor": "XOR volume",
     "rms": "RMS",
     "edge": "Edge length",

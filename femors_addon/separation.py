@@ -10,14 +10,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from . import triples
+from .bodies import Solid
 from .contact import Pair
 from .cutouts import Region
 from .intersect import piercings
 from .mesh import Float, Surface
+from .nearest import SurfaceIndex
 from .triples import unit
 
 WRONG = 0.05  # of the nodes inside the other body: as many leaving by the wrong side make a pair suspicious
 THICK = 0.4  # of the mean thickness: a way apart below this is no passage through a body
+CUT = 0.25  # of a body's area: so much lies on each side of a sheet that runs right through it
 FAR = 4.0  # mean thicknesses of the thinner body: a way apart beyond this is no passage either
 
 
@@ -25,6 +29,25 @@ def thickness(surface: Surface) -> float:
     """Return twice the volume by the area: the mean thickness of a plate."""
     area = float(surface.face_areas.sum())
     return 2.0 * abs(surface.volume) / area if area > 0 else 0.0
+
+
+def runs_through(sheet: Solid, body: Solid) -> bool:
+    """Whether an open surface runs right through a closed one: nothing tells to which side it belongs.
+
+    Its border lies outside, and of the body's area (of what is not beyond the border) a good part lies on
+    each side of it.
+    """
+    if not sheet.open_edges or body.open_edges or not len(piercings(sheet.surface, body.surface).edge):
+        return False
+    border = sheet.vertices[sheet.surface.border]
+    if (SurfaceIndex(body.surface).signed(border) < 0).any():
+        return False
+    index, areas = SurfaceIndex(sheet.surface), body.surface.face_areas
+    middles = triples.total(body.surface.corners) / 3.0
+    found = index.closest(middles)
+    side = triples.dot(middles - found.point, index.pseudonormals(found))
+    side[sheet.on_border(found)] = 0.0
+    return min(areas[side > 0].sum(), areas[side < 0].sum()) >= CUT * areas.sum()
 
 
 def way_apart(pair: Pair, stuck: bool = False) -> Float | None:

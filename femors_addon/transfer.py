@@ -8,11 +8,12 @@ what the user should hear: points far from the source, things carried already, a
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 
 from . import settings as declared
+from . import triples
+from .cached import cached_property
 from .carry import FADE, Carrier
 from .cleaning import clean
 from .mesh import Float, Surface
@@ -20,6 +21,7 @@ from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, counted, part, silent
 from .transfer_settings import TransferSettings
 from .transforms import mirrors, transformed
+from .units import near_unit
 from .volume import VolumeMesh
 from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians
@@ -124,6 +126,8 @@ class Transfer:
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if not len(points):
             raise FemorsError("has no points to be carried")
+        if (bad := triples.unfit(points)) is not None:
+            raise FemorsError(triples.complaint(bad, "points", lambda row: row + 1))
         onto = 0 if self.onto is None else len(self.onto.surface.vertices)
         self.carrier.require(onto + len(points))
         way = self.carrier.uncarry if self.settings.inverse else self.carrier.carry
@@ -259,32 +263,35 @@ class Transfer:
             f"the points span {span:.3g}, the field's surface {before.diagonal:.3g}: another unit (metres)?"
         ]
 
-    def unlike(self, points: Float) -> list[str]:
-        """Return what to say of a mesh's points (p, 3) that are far larger or smaller than the source.
+    def unlike(self, points: Float) -> tuple[list[str], list[str]]:
+        """Return notes and faults on a mesh's points (p, 3) that are far larger or smaller than the source.
 
-        A small mesh that lies by the source's surface, such as a graft's or a screw's, is left alone
-        unless it would lie there in the other unit too.
+        Where the ratio is that of two units it is a fault. A small mesh that lies by the source's surface,
+        such as a graft's or a screw's, is left alone unless it would lie there in the other unit too.
         """
         if not len(self.carrier.field.faces):
-            return []
+            return [], []
         before = self._before.surface
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         span = float(np.linalg.norm(np.ptp(points, axis=0)))
         if not span > 0 or 1 / UNLIKE <= span / before.diagonal <= UNLIKE:
-            return []
+            return [], []
         ratio = max(span / before.diagonal, before.diagonal / span)
-        factor = min(UNITS, key=lambda one: abs(np.log(ratio / one)))
+        factor = near_unit(ratio, tuple(UNITS))
         if span < before.diagonal:
             sample = points[:: max(len(points) // SAMPLE, 1)]
-            here, there = (np.median(self._before.closest(f * sample).distance) for f in (1.0, factor))
+            here, there = (
+                np.median(self._before.closest(f * sample).distance) for f in (1.0, factor or ratio)
+            )
             if here <= FAR * before.diagonal < there:
-                return []
+                return [], []
         kind = "larger" if span > before.diagonal else "smaller"
         side = "target" if self.settings.inverse else "source"
-        return [
-            f"is {ratio:.4g} times {kind} than the {side} of the field '{self.carrier.field.name}': probably "
-            f"in another unit of length ({UNITS[factor]} differ by {factor:g}); give both in one unit"
-        ]
+        words = f"is {ratio:.4g} times {kind} than the {side} of the field '{self.carrier.field.name}'"
+        if factor is None:
+            return [words], []
+        units = f"{UNITS[factor]} differ by {factor:g}"
+        return [], [f"{words}: probably in another unit of length ({units}); give both in one unit"]
 
     @cached_property
     def _elsewhere(self) -> float:

@@ -7,11 +7,29 @@ goes along three columns. The results have the same bits.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+LARGEST = 1e30
+"""Of a coordinate: what is worked with stays a number in single precision and to the tenth power."""
+
+
+def unfit(positions: Float) -> Mask | None:
+    """Return which rows (n,) of finite positions (n, 3) are too large; None where none is."""
+    if not positions.size or (positions.min() >= -LARGEST and positions.max() <= LARGEST):
+        return None
+    return some(np.abs(positions) > LARGEST)
+
+
+def complaint(bad: Mask, things: str, called: Callable[[int], object]) -> str:
+    """Return what to say of the rows (n,) that `unfit` has found; `called` says what a row is called."""
+    first = called(int(np.argmax(bad)))
+    return f"{int(bad.sum())} of {len(bad)} {things} with coordinates beyond {LARGEST:g} (first: {first})"
 
 
 def every(mask: Mask) -> Mask:

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from . import triples
+from .cached import cached_property
 from .mesh import Float, Int, Surface, frozen
 from .progress import FemorsError
 from .volume_faces import Block, Ids, Polygons, all_faces, outer_faces
@@ -162,8 +163,10 @@ class VolumeMesh:
         Raises
         ------
         FemorsError
-            No element has a face.
+            No element has a face, or coordinates are too large.
         """
+        if (bad := triples.unfit(self.nodes)) is not None:
+            raise FemorsError(triples.complaint(bad, "nodes", lambda row: f"node {self.node_ids[row]}"))
         polygons = self.boundary
         if not len(polygons.sizes):
             raise FemorsError("has no elements with a surface (solids or shells)")

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .cached import cached_property
 from .elements import KINDS, Kind
 from .mesh import Int, frozen, triangulate
 

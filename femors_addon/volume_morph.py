@@ -234,14 +234,15 @@ def _as_it_ended(
         from_target=back.distance,
     )
     size, edge = theirs.surface.diagonal, max(last.mean_edge, theirs.surface.mean_edge)
-    converged, reason = verdict(off, back.distance, result.settings, size, edge, weighted)
+    residual = misfit_around(last, off, theirs.surface, back, result.settings.partial, ending)
+    converged, reason = verdict(off, back.distance, residual, result.settings, size, edge, weighted)
     aligned = transformed(result.transform, surface.vertices)
     field = dataclasses.replace(result.field, displacements=moved - result.field.centres)
     return dataclasses.replace(
         result,
         vertices=vertices,
         field=field,
-        residual=misfit_around(last, off, theirs.surface, back, result.settings.partial, ending),
+        residual=residual,
         surface_distance=distance,
         displacement=np.linalg.norm(vertices - aligned, axis=1),
         after=after,

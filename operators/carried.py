@@ -18,8 +18,8 @@ from .lazy import Array, np
 
 CLOUDS = ("POINTCLOUD", "CURVES")  # whose points are an attribute
 KINDS = ("MESH", "CURVE", "SURFACE", *CLOUDS, "ARMATURE", "EMPTY")
-CONVERTED = ("META", "FONT", "CURVES", "GREASEPENCIL")
-"""Kinds that Blender makes a mesh of."""
+CONVERTED = {"META": "a mesh", "FONT": "a mesh", "GREASEPENCIL": "a mesh", "GPENCIL": "a curve"}
+"""What Object > Convert makes of other kinds; the last is the grease pencil of Blender 4.2."""
 
 
 def points_of(item: bpy.types.Object, matrix: Array) -> Array:
@@ -32,7 +32,8 @@ def points_of(item: bpy.types.Object, matrix: Array) -> Array:
     """
     if item.type not in KINDS:
         kind = item.bl_rna.properties["type"].enum_items[item.type].name.lower()
-        remedy = "convert it to a mesh" if item.type in CONVERTED else "carry an empty in its place"
+        known = CONVERTED.get(item.type)
+        remedy = f"convert it to {known}" if known else "carry an empty in its place"
         raise FemorsError(f"'{item.name}' is of type {kind}, which cannot be carried: {remedy}")
     if item.mode == "EDIT":
         raise FemorsError(f"'{item.name}' is in Edit Mode: leave it first (Tab)")

@@ -145,13 +145,15 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
 
         The distance is that from the target: the other one is nothing where vertices are laid onto it.
         """
-        after = morphed.after
-        part = morphed.settings.partial == "source"  # much of the target then has no counterpart
-        word, distance = ("to", after.surface_to_target) if part else ("from", after.target_to_surface)
+        from ..femors_addon.quality import Stat
+
+        after, around, distance = morphed.after, "", morphed.after.target_to_surface
+        if morphed.settings.partial == "source":  # much of the target then has no counterpart
+            around, distance = " around it", Stat.of(morphed.residual)
         figures = (distance.median, distance.p99, distance.maximum)
         median, p99, most = (f"{x:.3g}" if abs(x) > NOTHING else "0" for x in figures)
         elements, faults = deck_morph.sentences(morphed)
-        distances = f"distance {word} '{self._target.name}': median {median}, 99 % {p99}, max {most}"
+        distances = f"distance from '{self._target.name}'{around}: median {median}, 99 % {p99}, max {most}"
         steered = [morphed.steering.sentence()] if morphed.steering is not None else []
         line = "; ".join([f"'{item.name}': {distances}", *elements, *steered, f"{morphed.stop_reason}{note}"])
         faults += morphed.warnings

@@ -16,7 +16,7 @@ from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.transforms import homogeneous, inverse, landmark_transform, transformed
 from femors_addon.triples import renumbered
-from femors_addon.units import unit_factor
+from femors_addon.units import size_ratio, unit_factor
 
 SHEAR = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.02, 0.0, 1.2]])
 
@@ -227,6 +227,17 @@ def test_sizes_as_people_have_them_are_no_other_unit(pair):
             unit_factor(placed(homogeneous(np.eye(3) * factor, np.zeros(3)), pair.source), pair.target)
             is None
         )
+
+
+@pytest.mark.parametrize("ratio", [5.0, 6.0, 50.0, 180.0, 1 / 5.5])
+def test_merely_different_sizes_are_told_as_such(pair, ratio):
+    other = placed(homogeneous(np.eye(3) / ratio, np.zeros(3)), pair.source)
+    assert unit_factor(other, pair.target) is None
+    for kind in ("none", "affine"):
+        (said,) = align(other, pair.target, kind).warnings
+        times = size_ratio(other, pair.target)
+        words = f"{times:.3g} times larger" if ratio > 1 else f"{1 / times:.3g} times smaller"
+        assert said == f"the target is {words} than the source"
 
 
 # --- parts --------------------------------------------------------------------------------------

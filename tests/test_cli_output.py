@@ -117,3 +117,33 @@ def test_a_folder_that_was_made_goes_again(folder, capsys, monkeypatch):
     monkeypatch.setattr(Path, "write_bytes", fails)
     assert "no space left" in refused(capsys, "overclosure", "a.obj", "b.obj", "-o", "new", *QUICK)
     assert not (folder / "new").exists()
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ("quality", "huge.obj"),
+        ("quality", "a.obj", "huge.obj"),
+        ("morph", "huge.obj", "b.obj", "-o", "o.obj"),
+        ("morph", "a.obj", "huge.obj", "-o", "o.obj"),
+        ("overclosure", "a.obj", "huge.obj", "-o", "out"),
+        ("transfer", "FIELD", "huge.obj", "-o", "out"),
+        ("transfer", "FIELD", "huge.csv", "-o", "out"),
+        ("quality", "huge.inp"),
+        ("morph", "huge.inp", "b.obj", "-o", "o.inp"),
+        ("overclosure", "a.obj", "huge.inp", "-o", "out"),
+    ],
+)
+def test_coordinates_that_cannot_be_squared_are_refused(folder, field, capsys, argv):
+    """One line, and no warning of NumPy (pytest makes it an error)."""
+    bone = meshfiles.read("a.obj")
+    vertices = np.array(bone.vertices)
+    vertices[5, 1] = -1e120
+    meshfiles.write("huge.obj", bone.with_vertices(vertices))
+    Path("huge.csv").write_text("a,1,2,3\nb,4,5,1e120\n")
+    nodes = "1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1e120\n"
+    Path("huge.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=C3D4, ELSET=A\n1, 1, 2, 3, 4\n")
+    before = sorted(folder.rglob("*"))
+    err = refused(capsys, *(field if word == "FIELD" else word for word in argv))
+    assert "with coordinates beyond 1e+30 (first: " in err
+    assert sorted(folder.rglob("*")) == before

@@ -194,6 +194,17 @@ def test_a_mesh_in_another_unit_is_written_and_told(files, capsys):
         assert (files / "out" / "odd.ply").exists()
 
 
+def test_a_mesh_of_quite_another_size_is_told_with_its_size(files, capsys):
+    meshfiles.write(files / "odd.ply", MeshFile.of(BONE.moved(50.0 * BONE.vertices)))
+    code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.ply", "-o", files / "out")
+    assert code == 0 or "out of its reach" in err, err
+    assert "is 50 times larger than the source of the field" in err and "unit" not in err, err
+    small = shapes.sphere(1, radius=BONE.diagonal / 160.0)
+    meshfiles.write(files / "odd.ply", MeshFile.of(small.moved(small.vertices + BONE.bounds[1])))
+    code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.ply", "-o", files / "out")
+    assert "times smaller than the source" in err and "unit" not in err, err
+
+
 def test_a_small_thing_on_the_bone_is_in_its_unit(files, capsys):
     small = shapes.sphere(1, radius=0.005 * BONE.diagonal)
     meshfiles.write(files / "screw.ply", MeshFile.of(small.moved(small.vertices + BONE.vertices[10])))

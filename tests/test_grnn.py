@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from femors_addon import grnn, shapes
+from femors_addon import cells, grnn, shapes
 from femors_addon.grnn import ROUGH, TOLERANCE, DisplacementField
 from femors_addon.progress import Cancelled, FemorsError, silent
 
@@ -387,3 +387,24 @@ def test_progress_is_told_and_may_cancel(surfaces, spread):
     for way in (field, field.exact):
         with pytest.raises(Cancelled):
             way(at, cancel)
+
+
+def test_only_meetings_of_cells_with_enough_to_do_go_to_threads(monkeypatch):
+    """Where each is a few calls on little, threads would wait for each other."""
+    bone = shapes.bone(3000)
+    asked = []
+    monkeypatch.setattr(cells, "in_threads", lambda work, parts: asked.append(1) or map(work, parts))
+    monkeypatch.setattr(grnn._Grid, "fitting", lambda *_: None)
+    for edges, handed in ((0.3, 0), (6.0, 1)):
+        asked.clear()
+        DisplacementField(bone.vertices, bone.vertices, edges * bone.mean_edge)(bone.vertices)
+        assert len(asked) == handed, edges
+
+
+def test_meetings_are_handed_out_in_parts_of_as_much_work(monkeypatch):
+    monkeypatch.setattr(cells, "TOGETHER", 1000)
+    monkeypatch.setattr(cells, "CALLS", 100)
+    small, large = (slice(0, 10), [slice(0, 10)]), (slice(10, 30), [slice(0, 40), slice(50, 60)])
+    parts = list(cells._together(iter([small] * 6 + [large] + [small])))
+    assert [len(part) for part in parts] == [6, 1, 1]
+    assert [meeting for part in parts for meeting in part] == [small] * 6 + [large] + [small]

@@ -59,6 +59,12 @@ def test_the_core_knows_nothing_of_blender():
         assert not blender, f"{path}: {blender}"
 
 
+def test_the_core_keeps_no_lock_for_properties():
+    """All are of `cached.py`: Python 3.11's own let threads wait for each other."""
+    for path in set(CORE.rglob("*.py")) - {CORE / "cached.py"}:
+        assert "functools import cached_property" not in path.read_text(encoding="utf-8"), path
+
+
 def test_the_command_line_starts_without_blender_and_without_a_word():
     code = (
         "import sys; import femors_addon.cli; sys.exit(any(m in sys.modules for m in ('bpy', 'mathutils')))"

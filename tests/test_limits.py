@@ -9,8 +9,9 @@ import threading
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from femors_addon import balls, crew, frames, limits, nearest
+from femors_addon import balls, cells, crew, frames, grnn, limits, nearest, quality
 from femors_addon import morph as morph_module
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
@@ -58,12 +59,20 @@ def transferred_back():
     return back.points(np.tile(BONES.source.vertices, (3, 1)) + 2.0).points
 
 
-def field():
-    """By cells, in several blocks."""
+def field(edges):
+    """With a spread of so many mean edges."""
     rest = BONES.source.vertices
-    return DisplacementField(rest, warp(rest, ("bend", 0.1)) - rest, 0.5 * BONES.source.mean_edge)(
+    return DisplacementField(rest, warp(rest, ("bend", 0.1)) - rest, edges * BONES.source.mean_edge)(
         BONES.target.vertices
     )
+
+
+def field_by_cells():
+    return field(0.5)
+
+
+def field_by_grid():
+    return field(12.0)
 
 
 def crossed():
@@ -80,13 +89,25 @@ def separated():
     return np.concatenate([body.nodes for body in remove_overclosure(BALLS).bodies])
 
 
-JOBS = (closest, transferred, transferred_back, field, crossed, examined, separated)
+JOBS = (
+    closest,
+    transferred,
+    transferred_back,
+    field_by_cells,
+    field_by_grid,
+    crossed,
+    examined,
+    separated,
+)
 
 
 @pytest.mark.parametrize("job", JOBS)
 def test_threads_change_no_bit(job, monkeypatch):
     monkeypatch.setattr(nearest, "BLOCK_PAIRS", 4000)  # so that there are several blocks
     monkeypatch.setattr(frames, "BLOCK", 500)
+    monkeypatch.setattr(grnn, "ASKED", 500)
+    monkeypatch.setattr(cells, "CALLS", 0)
+    monkeypatch.setattr(cells, "TOGETHER", 10_000)
     monkeypatch.setattr(balls, "AT_ONCE", 500)
     limits.allow(1, 0)
     one = job()
@@ -102,6 +123,34 @@ def test_threads_change_no_bit(job, monkeypatch):
         limits.allow(threads, 0)
         np.testing.assert_array_equal(job(), one)
     assert {2, 3} <= started, "it runs in threads at all"
+
+
+def test_a_search_takes_no_more_threads_than_are_left(monkeypatch):
+    """On its own all that are allowed, beside a job the rest, and one within a thread or as that job."""
+    taken = []
+
+    class Tree(cKDTree):
+        def query(self, points, workers=1):
+            taken.append(workers)
+            return super().query(points)
+
+    monkeypatch.setattr(quality, "cKDTree", Tree)
+
+    def search(*_):
+        quality.nearest_vertex_distance(BONES.source.vertices, BONES.target.vertices)
+
+    limits.allow(3, 0)
+    search()
+    list(limits.in_threads(search, range(2)))
+    assert taken == [3, 1, 1]
+    begun, done = threading.Event(), threading.Event()
+    with limits.aside(lambda progress: (search(), begun.set(), done.wait(60))) as result:
+        assert begun.wait(60)
+        search()
+        done.set()
+        result()
+    search()
+    assert taken[3:] == [1, 2, 3]
 
 
 def test_no_threads_asked_are_all_there_are():

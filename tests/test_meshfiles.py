@@ -473,6 +473,27 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_folders_that_were_made_go_again_where_the_work_fails(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    for folder in ("mine/a/b/c", tmp_path / "x" / "y", "mine/new/../other"):
+        with pytest.raises(RuntimeError), files.folder_for(folder):
+            assert os.path.isdir(folder)
+            raise RuntimeError
+        assert [path.name for path in tmp_path.rglob("*")] == ["mine"]
+    too_long = "n" * 300
+    with pytest.raises(FemorsError, match=f"{too_long}: cannot be made"), files.folder_for(f"a/b/{too_long}"):
+        raise AssertionError
+    assert [path.name for path in tmp_path.rglob("*")] == ["mine"]
+    with pytest.raises(RuntimeError), files.folder_for("a/b"):
+        (tmp_path / "a" / "note.txt").write_text("of somebody else")
+        raise RuntimeError
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "mine", "note.txt"]
+    with files.folder_for("a/b/c"), files.folder_for("mine"):
+        pass
+    assert (tmp_path / "a" / "b" / "c").is_dir()
+
+
 def test_writing_through_a_link_and_with_the_usual_permissions(tmp_path):
     (tmp_path / "real").mkdir()
     link = tmp_path / "link.stl"

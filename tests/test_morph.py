@@ -12,14 +12,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 from surfaces import cut, soup, together
 
+from femors_addon import morph_outcome, shapes
 from femors_addon import settings as declared
-from femors_addon import shapes
+from femors_addon.commandline import for_command
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
 from femors_addon.morph_fit import verdict
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.progress import FemorsError
 from femors_addon.quality import flipped_faces
+from femors_addon.report_files import report_bytes
 from femors_addon.transforms import transformed
 
 STAY = MorphSettings(alignment="none")
@@ -118,9 +120,14 @@ def test_what_the_result_says_is_so(pair, morphed):
         (
             "source",
             60,
-            "not converged: 40.0 % of the result is within 1.2 of the target, where half should be",
+            "not converged: 40.0 % of the result is within 1.2 of the target's nodes around it, where half",
         ),
-        ("source", 40, "converged over the shared part: half of the result is within 0.5 of the target"),
+        (
+            "source",
+            40,
+            "converged over the shared part: half of the result is within 0.5 of the target's nodes",
+        ),
+        ("target", 60, "converged over the shared part: half of the target is within 0.25 of the result"),
     ],
 )
 def test_the_verdict_says_what_share_is_near(partial, far, words):
@@ -128,9 +135,64 @@ def test_the_verdict_says_what_share_is_near(partial, far, words):
     some[:far] = 7.0
     some[:1] = 1.1 if far == 1 else 7.0
     settings = MorphSettings(partial=partial)
-    converged, reason = verdict(some, near, settings, size=100.0, edge=1.0, weighted=False)
+    laid, around = (some, some) if partial == "none" else (np.zeros(100), some)
+    converged, reason = verdict(laid, near, around, settings, size=100.0, edge=1.0, weighted=False)
     assert reason.startswith(words) and converged == words.startswith("converged")
     assert converged or reason.endswith("is within 7)")
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_the_verdict_on_a_partial_source_is_no_distance_that_is_zero_by_construction(pair, closed):
+    """The target's nodes around the result are measured; the face that closes the cut does not count."""
+    source = cut(pair.source, -99, 200)[0]
+    if closed:
+        rim = source.edges[source.border[source.edges].all(axis=1)]
+        middle = source.vertices[source.border].mean(axis=0)
+        fan = np.column_stack((rim, np.full(len(rim), len(source.vertices))))
+        source = Surface(np.vstack((source.vertices, middle)), np.vstack((source.faces, fan)))
+    result = morph(source, pair.target, MorphSettings(partial="source"))
+    said = float(result.stop_reason.split("within ")[1].split()[0])
+    assert result.converged
+    assert result.after.surface_to_target.median < 1e-9
+    assert 0.1 < said < pair.target.mean_edge
+    assert said == pytest.approx(np.median(result.residual), rel=0.01)
+
+
+HINT = "set Overlap to "
+
+
+@pytest.mark.parametrize("alignment", ["affine", "rigid"])
+@pytest.mark.parametrize(("low", "high"), [(-99, 150), (250, 999), (-99, 250)])
+def test_a_part_that_is_morphed_onto_a_whole_is_told(pair, low, high, alignment):
+    """Drawn out over the whole it converges all the same; by a rigid alignment it falls short."""
+    source = cut(pair.source, low, high)[0]
+    said = morph(source, pair.target, MorphSettings(alignment=alignment)).warnings
+    assert [for_command(note) for note in said if HINT in note] == [
+        "the source is open and the target closed: if the source shows only a part of what the target shows, "
+        "pass --partial source"
+    ]
+    assert not any(
+        HINT in note for note in morph(source, pair.target, MorphSettings(partial="source")).warnings
+    )
+
+
+def test_a_whole_that_is_morphed_onto_a_part_is_told(pair):
+    (said,) = morph(pair.source, cut(pair.target, -99, 200)[0]).warnings
+    assert "the target is open and the source closed" in said and "set Overlap to Target is part" in said
+
+
+def test_open_meshes_of_the_same_part_are_not_told_of_overlap(pair, morphed):
+    """Both cut; one with a hole; one cut a little shorter; both closed."""
+    height = pair.source.bounds[1][2]
+    holed = Surface(pair.source.vertices, pair.source.faces[6:])
+    results = (
+        morphed,
+        morph(holed, pair.target),
+        morph(cut(pair.source, -99, 200)[0], cut(pair.target, -99, 190)[0]),
+        morph(cut(pair.source, -99, height - 8)[0], pair.target),
+    )
+    assert [[note for note in result.warnings if HINT in note] for result in results] == [[]] * 4
+    assert all(result.converged for result in results)
 
 
 def test_distances_beyond_a_partial_target_are_so_too(pair):
@@ -151,6 +213,17 @@ def test_the_report_is_json_and_the_summary_text(morphed):
     lines = morphed.summary().splitlines()
     assert 5 < len(lines) < 20
     assert max(map(len, lines)) < 120
+
+
+def test_a_sample_that_tells_the_figures_before_is_told(pair, morphed, monkeypatch):
+    assert "sample" not in json.dumps(morphed.report()) and "sample" not in morphed.summary()
+    monkeypatch.setattr(morph_outcome, "BEFORE", 300)
+    result = morph(pair.source, pair.target)
+    said = "aligned: distances at a sample of the vertices, at most 300 of each mesh"
+    assert said in result.summary().splitlines()
+    assert json.loads(report_bytes("r.json", result.report(), "t"))["sampled"] == said
+    assert f'sampled,"{said}"' in report_bytes("r.csv", result.report(), "t").decode().splitlines()
+    assert f"<td>{said}</td>" in report_bytes("r.html", result.report(), "t").decode()
 
 
 def test_progress_rises_and_says_where_it_is(pair):
@@ -503,26 +576,6 @@ def test_nothing_to_do_is_no_failure():
     result = morph(SMALL, GOAL, idle)
     assert np.array_equal(result.vertices, SMALL.vertices)
     assert result.history == ()
-
-
-# --- cancelling -----------------------------------------------------------------------------------
-def test_cancelling_at_any_call_ends_it_and_leaves_the_meshes():
-    told: list[str] = []
-    morph(SMALL, GOAL, LAYERED, lambda fraction, text: told.append(text))
-    ours, theirs = SMALL.vertices.copy(), GOAL.vertices.copy()
-    for last in range(0, len(told), max(len(told) // 25, 1)):
-        seen: list[str] = []
-
-        def cancel(fraction, text, seen=seen, last=last):
-            seen.append(text)
-            if len(seen) > last:
-                raise Cancelled
-
-        with pytest.raises(Cancelled):
-            morph(SMALL, GOAL, LAYERED, cancel)
-        assert seen == told[: last + 1]
-    assert np.array_equal(SMALL.vertices, ours)
-    assert np.array_equal(GOAL.vertices, theirs)
 
 
 # --- the field ------------------------------------------------------------------------------------

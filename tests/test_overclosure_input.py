@@ -9,12 +9,13 @@ from solids import box, hexes, moved, sphere
 from spheres import GAP, assert_apart, pair, smallest_gap
 
 from femors_addon import shapes
-from femors_addon.bodies import Body
+from femors_addon.bodies import Body, Solid
 from femors_addon.findings import Finding
-from femors_addon.mesh import Surface
+from femors_addon.mesh import Surface, triangulate
 from femors_addon.overclosure import OverclosureSettings, check_overclosure, remove_overclosure
 from femors_addon.progress import Cancelled, FemorsError
 from femors_addon.removal import _better
+from femors_addon.separation import runs_through
 
 
 # --- bad input ----------------------------------------------------------------------------------------
@@ -64,6 +65,48 @@ def test_what_runs_through_the_middle_of_a_body_is_left_where_it_is(kind):
     assert result.untouched and not any("of its volume" in note for note in result.notes)
 
 
+def through(bone: Surface) -> Surface:
+    """A sheet of 200 x 500 along the middle of a bone, whose border is outside."""
+    side = np.linspace(-1.0, 1.0, 51)
+    y, z = (axis.ravel() for axis in np.meshgrid(100.0 * side, 250.0 * side, indexing="ij"))
+    sizes, corners = np.full(2500, 4), np.arange(51 * 50).reshape(50, 51)[:, :50].ravel()
+    faces = triangulate(sizes, (corners[:, None] + [0, 51, 52, 1]).ravel())[0]
+    middle = np.mean(bone.bounds, axis=0)
+    return Surface(np.column_stack((0.3 * np.sin(y / 7) * np.cos(z / 18), y, z)) + middle, faces)
+
+
+def test_a_sheet_along_the_middle_of_a_rigid_body_is_left_and_told_in_time():
+    """It was bent by 56 over 120 iterations, almost round the bone, and the limit was told as the reason."""
+    bone = shapes.bone(2500)
+    bodies = [Body("bone", bone, 0.0), Body("sheet", through(bone)), Body("far", sphere(2, 5.0, (900, 0, 0)))]
+    for some in (bodies[:2], bodies):
+        result = remove_overclosure(some, OverclosureSettings(gap=0.1))
+        assert not result.certified and result.untouched and len(result.history) <= 50
+        (reason,) = result.reasons
+        assert "deep" in reason and reason.endswith(
+            "'sheet' is open and runs right through 'bone': move it to the side where it belongs, or "
+            "exclude the pair"
+        )
+        assert result.before == result.after
+
+
+def test_a_sheet_that_can_go_round_a_body_or_dips_into_it_still_does():
+    """Right through as well, but it is parted; and a shallow one is told of its thickness where it is not."""
+    ball = sphere(3, 20.0)
+    sheet = through(ball)
+    sheet = sheet.moved(sheet.vertices * (1.0, 0.6, 0.24) + np.outer(sheet.vertices[:, 2], (0.15, 0, 0)))
+    deep = Solid(Body("sheet", sheet), 1.0)
+    shallow = Solid(Body("sheet", sheet.moved(sheet.vertices + (16.0, 0.0, 0.0))), 1.0)
+    body = Solid(Body("ball", ball), 0.0)
+    assert [runs_through(deep, body), runs_through(shallow, body), runs_through(body, deep)] == [
+        True,
+        False,
+        False,
+    ]
+    for one in (deep, shallow):
+        assert remove_overclosure([Body("ball", ball, 0.0), Body("sheet", one.surface)]).certified
+
+
 def test_an_open_surface_is_told_and_parted():
     shell = sphere()
     keep = shell.vertices[shell.faces].mean(axis=1)[:, 2] < 6.0
@@ -109,6 +152,14 @@ def test_a_negative_gap_is_refused():
 def test_metres_beside_millimetres_are_told():
     bodies = [Body("mm", sphere(2, 1000.0)), Body("m", sphere(2, 1.0, (1000.0, 0.0, 0.0)))]
     assert any("unit of length" in note for note in remove_overclosure(bodies).notes)
+
+
+def test_a_body_that_is_merely_far_smaller_is_told_by_its_size_alone():
+    bodies = [Body("bone", sphere(2, 500.0)), Body("bead", sphere(2, 1.0, (600.0, 0.0, 0.0)))]
+    told: list[str] = []
+    check_overclosure(bodies, tell=told.append)
+    assert "'bone' is 500 times as large as 'bead'" in told
+    assert not any("unit" in note for note in told)
 
 
 def test_cancelling_ends_at_once():

@@ -296,6 +296,7 @@ def test_a_sample_stands_for_the_distances():
         assert two != one
     assert dataclasses.replace(some, **{name: getattr(whole, name) for name in DISTANCES}) == whole
     assert compare(shape, away, shape, sample=len(shape.vertices)) == whole
+    assert [some.sample, whole.sample, compare(shape, away, shape, sample=10**6).sample] == [1000, 0, 0]
 
 
 def test_loose_vertices_are_no_part_of_the_surface():

@@ -110,6 +110,8 @@ def draw_figures(layout: bpy.types.UILayout, report: dict[str, Any], context: bp
         for part in parts:
             values = (number(factor * side[key][part]) for side in (before, after))
             draw_row(box, "    " + WORDS[part], *values)
+    if "sampled" in report:
+        draw_sentence(column, context, report["sampled"])
     box = column.box().column(align=True)
     for title, key, part in SHAPE:
         draw_row(box, title, number(before[key][part]), number(after[key][part]))

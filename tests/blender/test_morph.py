@@ -347,18 +347,15 @@ def test_the_line_tells_the_distance_from_the_target(pair, part, monkeypatch):
     told = []
     operator = part("operators.job").JobOperator
     monkeypatch.setattr(operator, "tell", lambda self, level, line: told.append(line))
-    for partial, words, name in (
-        ("none", "from", "target_to_surface"),
-        ("source", "to", "surface_to_target"),
-    ):
-        after = json.loads(morph(partial=partial).femors.report)["after"][name]
-        start = f": distance {words} 'Scan': median "
-        assert start in told[-1]
-        said = told[-1].split(start)[1]
-        if after["median"] > 1e-9:
-            assert said.startswith(
-                f"{after['median']:.3g}, 99 % {after['p99']:.3g}, max {after['maximum']:.3g}; "
-            )
+    after = json.loads(morph().femors.report)["after"]["target_to_surface"]
+    start = f": distance from 'Scan': median {after['median']:.3g}, 99 % {after['p99']:.3g}, "
+    assert f"{start}max {after['maximum']:.3g}; " in told[-1]
+    morph(partial="source")  # its nodes lie on the target: the target's nodes around them are told
+    start = ": distance from 'Scan' around it: median "
+    assert start in told[-1]
+    median = float(told[-1].split(start)[1].split(",")[0])
+    assert median > 1e-3
+    assert f"half of the result is within {median:.3g} of the target's nodes around it" in told[-1]
 
 
 def test_the_target_is_hidden_where_the_user_ticks_it(pair):

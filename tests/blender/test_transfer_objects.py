@@ -44,6 +44,21 @@ def test_a_mesh_is_copied_and_carried_from_wherever_it_stands(morphed, tools, tr
     assert key.value == 1.0 and key.name == f"Carried by {FIELD}"
 
 
+def test_what_cannot_be_carried_is_refused_with_what_can_be_done(morphed):
+    """Of the grease pencil, Blender 4.2 makes a curve, later ones a mesh."""
+    pencil, made = ("gpencil_add", "a curve") if bpy.app.version < (4, 3) else ("grease_pencil_add", "a mesh")
+    for add, options, remedy in (
+        ("text_add", {}, "convert it to a mesh"),
+        ("metaball_add", {}, "convert it to a mesh"),
+        (pencil, {"type": "STROKE"}, f"convert it to {made}"),
+        ("light_add", {}, "carry an empty in its place"),
+    ):
+        getattr(bpy.ops.object, add)(**options)
+        name = bpy.context.object.name
+        with pytest.raises(RuntimeError, match=f"'{name}' is of type .*: {remedy}"):
+            bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects=name)
+
+
 def test_inverse_takes_the_result_back(morphed, tools):
     source, _, result = morphed
     back = moved(result.name, inverse=True)
