@@ -18,7 +18,7 @@ from .folds import Reference, folded
 from .intersect import crossings_of
 from .mesh import Float, Int, Surface
 from .patches import Part, faces_at
-from .quality import aspect_ratio, closed_components, degenerate, inverted, opposed
+from .quality import aspect_ratio, degenerate, inverted, opposed
 
 SLENDER, GROWTH = 10.0, 3.0  # aspect ratio, and times that of the source, beyond which a face is squeezed
 SQUEEZED = 0.1  # what a squeezed face counts beside one that is folded or crosses others
@@ -86,8 +86,7 @@ class Judge:
         self._slender = slender(rest)
         self._opposed, self._flat = opposed(rest), degenerate(rest)
         # components inside out are told by all of their faces: there may be some in a part of many
-        closed = closed_components(rest)
-        self._closed = len(closed) > 1 and bool(closed.any())
+        self._closed = len(rest.closed) > 1 and bool(rest.closed.any())
 
     @property
     def aligned(self) -> Surface:

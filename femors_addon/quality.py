@@ -172,7 +172,7 @@ def opposed(surface: Surface) -> np.ndarray:
 def inverted(before: Surface, after: Surface) -> np.ndarray:
     """True (m,) for the faces of closed components whose volume has changed its sign, unless all have."""
     count, part = len(before.faces), before.components
-    closed = closed_components(before)
+    closed = before.closed
     parts = len(closed)
     if parts < 2 or not closed.any():  # turned, it is so as a whole
         return np.zeros(count, dtype=bool)
@@ -181,13 +181,6 @@ def inverted(before: Surface, after: Surface) -> np.ndarray:
     if not (closed & (change > 0)).any():  # mirrored as a whole
         return np.zeros(count, dtype=bool)
     return turned[part]
-
-
-def closed_components(surface: Surface) -> np.ndarray:
-    """True for each of the `Surface.components` whose faces all have three neighbours."""
-    part, count = surface.components, len(surface.faces)
-    shared = np.bincount(surface.edge_faces[0].ravel(), minlength=count)
-    return np.asarray(np.bincount(part, shared != 3, minlength=int(part.max(initial=-1)) + 1) == 0)
 
 
 def _volumes(surface: Surface, part: np.ndarray, parts: int) -> Float:
