@@ -16,13 +16,14 @@ from scipy import sparse
 
 from . import triples
 from .correspond import compatible
-from .faults import Judge, State
+from .faults import SQUEEZED, Judge, State
 from .folds import harmonic
-from .mesh import Float, Int
+from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .patches import Hanging, evened, patch, turned
 from .progress import Progress, silent
+from .quality import aspect_ratio
 from .relax import averaging
 
 BACK = (1, 2, 3, 4, 5, 6, 8)  # edges around a bad face that step back
@@ -143,7 +144,7 @@ def _approached(
             trial = state.positions.copy()
             trial[nodes] += np.where(held[nodes, None], 0.0, step)
             after = judge.after(state, trial)
-            worse = np.flatnonzero(after.bad > state.bad)
+            worse = _worse(state, after)
             if not len(worse):
                 state = after
                 break
@@ -151,3 +152,12 @@ def _approached(
             if number == HOLDS - 2:  # else none would move, for the sake of a few
                 held |= together.all_of(held)
     return state
+
+
+def _worse(before: State, after: State) -> Int:
+    """Faces (q,) that have become bad, or were squeezed and are so even more."""
+    squeezed = np.flatnonzero(after.bad == SQUEEZED)
+    faces = after.surface.faces[squeezed]
+    then, now = (aspect_ratio(Surface(each.positions, faces)) for each in (before, after))
+    more = squeezed[now > (1.0 + 1e-9) * then]
+    return np.union1d(np.flatnonzero(after.bad > before.bad), more).astype(np.int32)

@@ -250,6 +250,17 @@ def test_a_face_on_its_back_is_turned_over_and_nothing_else_moves(ball):
     assert set(np.flatnonzero(step)) <= set(corners) and step.max() < 0.5 * ball.mean_edge
 
 
+def test_a_squeezed_face_that_is_squeezed_more_is_worse_off(ball):
+    """On the way back to the target, that is; `bad` alone does not tell."""
+    judge, state = _judged(ball, ball.vertices + _pulled(ball, 0.97)[1])
+    squeezed = np.flatnonzero(state.bad == faults.SQUEEZED)
+    more = judge.after(state, ball.vertices + _pulled(ball, 0.98)[1])
+    assert len(squeezed)
+    np.testing.assert_array_equal(more.bad, state.bad)
+    assert set(stepback._worse(state, more)) == set(squeezed)
+    assert not len(stepback._worse(more, state)) and not len(stepback._worse(state, state))
+
+
 def test_places_far_from_each_other_take_ways_of_their_own(ball, monkeypatch):
     """Of two ways each mends one of two places: both places are well in the first round."""
     nodes = np.array([200, int(np.argmin(ball.vertices @ ball.vertices[200]))])
