@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .cells import LN2, Cells
-from .contact import Contacts
 from .mesh import Float, Int
+from .sides import Contacts
 
 FADE, END = 1.7, 2.6  # spreads from the patch: where the field begins to fade, and where it is zero
 CUT = 2.4  # spreads beyond which a weight (below 2 %) is left out

@@ -11,8 +11,10 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from .cutouts import normals_at
 from .grnn import DisplacementField
 from .limits import at_once
 from .mesh import Float, Surface
@@ -148,6 +150,22 @@ def shortened(displacements: Float, spread: float) -> Float:
     length = np.linalg.norm(displacements, axis=1, keepdims=True)
     limit = LONGEST * spread
     return displacements * np.where(length > limit, limit / np.maximum(length, limit), 1.0)
+
+
+def compatible(
+    moved: Surface, nodes: NDArray, target: SurfaceIndex, partial: str, close: float = 0.0
+) -> tuple[Float, np.ndarray]:
+    """Return the target's points (r, 3) closest to some nodes, and which nodes (r,) may go there.
+
+    Those that face as it does, or are nearer than `close` to it; where one mesh is partial not to its end.
+    """
+    found = target.closest(moved.vertices[nodes])
+    normals = interpolated_normals(target.surface, found.face, found.barycentric)
+    kept = np.einsum("ij,ij->i", normals_at(moved, nodes), normals) > FACING
+    kept |= found.distance < close
+    if partial != "none":
+        kept &= ~at_border(target.surface, found.face, found.barycentric)
+    return found.point, kept
 
 
 def interpolated_normals(surface: Surface, face: np.ndarray, barycentric: Float) -> Float:

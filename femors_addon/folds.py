@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from . import triples
@@ -47,15 +48,17 @@ class Reference:
         return np.asarray(self.__dict__["crossing"])
 
 
-def folded(reference: Reference, moved: Surface) -> Int:
+def folded(reference: Reference, moved: Surface, rows: NDArray | slice = slice(None)) -> Int:
     """Faces folded over or pressed flat, or about to be, in `moved`, but not in `reference`.
+
+    Where `moved` is a part of the mesh, `rows` (m,) tells which faces of the reference it has.
 
     A face folds over against its own surroundings. It is pressed flat where nodes come to lie on one
     point or line, as they may where a coarse target has a corner.
     """
-    before = reference.facing
+    before = reference.facing[rows]
     over = (before > 0) & (_facing(moved) < np.minimum(0.05, 0.5 * before))
-    flat = (_slimness(moved) < FLAT) & (reference.slimness >= FLAT)
+    flat = (_slimness(moved) < FLAT) & (reference.slimness[rows] >= FLAT)
     return np.flatnonzero(over | flat).astype(np.int32)
 
 
@@ -106,7 +109,8 @@ def unfolded(
     for rings in (*PATCHES, 0):
         moved = surface.moved(surface.vertices + current)
         faces = folded(reference, moved)
-        folds, judged = len(faces), not len(faces) or not rings
+        # with no fewer folds than the best it has no chance; `judge` costs
+        folds, judged = len(faces), not len(faces) or (not rings and len(faces) < fewest[0])
         if judged:
             faces = judge(reference, moved)
         if (folds, len(faces)) < fewest:

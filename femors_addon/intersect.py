@@ -16,25 +16,15 @@ with opposite signs, so that nothing slips through between neighbours.
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from . import triples
+from .balls import Balls, Index, Search, overlapping, searches, size_classes
 from .limits import in_threads
 from .mesh import Float, Int, Surface
 from .progress import Progress, silent
-
-Index = NDArray[np.int64]
-
-BLOCK_PAIRS, BLOCK_FACES = 300_000, 32_000
-"""Pairs of faces searched together: about 15 MB; and faces, at most."""
-
-AT_ONCE = 64_000
-"""Pairs of faces looked at together: what they need stays in the processor's cache."""
 
 ROUNDING = 16 * np.finfo(np.float64).eps
 """Heights over a plane below this share of the largest coordinate (and more for slender faces) are zero."""
@@ -68,7 +58,7 @@ def piercings(a: Surface, b: Surface) -> Piercings:
     """Find every edge of `a` that pierces a face of `b`; ``b is a`` tests a surface against itself."""
     planes_a, planes_b = Planes.of(a, b)
 
-    def test(search: _Search) -> list[tuple[Int, Index, Float]]:
+    def test(search: Search) -> list[tuple[Int, Index, Float]]:
         out = []
         for pairs in search.candidates():
             f, g, f_over_g, g_over_f = straddling(planes_a, pairs[0], planes_b, pairs[1])
@@ -80,7 +70,7 @@ def piercings(a: Surface, b: Surface) -> Piercings:
         return out
 
     found = [(np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int64), np.empty(0))]
-    for some in in_threads(test, _searches(a, b)):
+    for some in in_threads(test, searches(a, b)):
         found += some
     ends, face, t = (np.concatenate(column) for column in zip(*found, strict=True))
     n = len(a.vertices)
@@ -99,18 +89,13 @@ def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
     """
     planes_a, planes_b = Planes.of(a, b)
 
-    def test(search: _Search) -> Index:
+    def test(search: Search) -> Index:
         out = [np.empty((0, 2), dtype=np.int64)]
-        for pairs in search.candidates():
-            f, g, f_over_g, g_over_f = straddling(planes_a, pairs[0], planes_b, pairs[1])
-            rows = pierced(planes_a, f, planes_b, g, f_over_g, a is b)[0]
-            back = pierced(planes_b, g, planes_a, f, g_over_f, a is b)[0]
-            rows = np.concatenate((rows, back))
-            out.append(np.column_stack((f[rows], g[rows])))
+        out += [_crossing(planes_a, f, planes_b, g, a is b) for f, g in search.candidates()]
         return np.concatenate(out)
 
     found = [np.empty((0, 2), dtype=np.int64)]
-    for some in in_threads(test, _searches(a, b)):
+    for some in in_threads(test, searches(a, b)):
         progress(0.5, "crossing faces")
         found.append(some)
     pairs = np.concatenate(found)
@@ -123,6 +108,31 @@ def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
 def self_intersections(surface: Surface, progress: Progress = silent) -> Int:
     """Return the pairs (k, 2) int32 of faces of a surface that cross, lower index first, in order."""
     return crossings(surface, surface, progress)
+
+
+def crossings_of(surface: Surface, some: Index, balls: list[Balls]) -> Int:
+    """Return the pairs (k, 2) int32 of a surface's faces that cross, of which one or both are of some faces.
+
+    They are what `self_intersections` gives. `balls` are those of all faces, or of where these were before
+    the chosen ones moved.
+    """
+    if not len(some):
+        return np.empty((0, 2), dtype=np.int32)
+    chosen = np.zeros(len(surface.faces), dtype=bool)
+    chosen[some] = True
+    own = size_classes(surface, np.flatnonzero(chosen))
+    f, g = overlapping(balls, own)
+    other = ~chosen[f]
+    one, two = overlapping(own, own)
+    once = one < two
+    pairs = np.stack((np.concatenate((f[other], one[once])), np.concatenate((g[other], two[once]))))
+    pairs.sort(axis=0)
+    near = np.flatnonzero(np.bincount(pairs.ravel(), minlength=len(surface.faces)))
+    planes = Planes.of(Surface(surface.vertices, surface.faces[near]))[0]
+    f, g = np.searchsorted(near, pairs)
+    rows = _crossing(planes, f, planes, g, True)
+    keys = np.unique(near[rows[:, 0]] * len(surface.faces) + near[rows[:, 1]])
+    return np.column_stack(np.divmod(keys, max(len(surface.faces), 1))).astype(np.int32)
 
 
 # --- the test ---------------------------------------------------------------------------------------
@@ -153,6 +163,15 @@ class Planes:
             planes = np.concatenate((corners[:, 0], s.face_normals), axis=1)
             out.append(cls(s.faces, s.vertices, corners, planes, tolerance))
         return out
+
+
+def _crossing(one: Planes, f: Index, two: Planes, g: Index, same: bool) -> Index:
+    """Return those (k, 2) of the pairs (f, g) of faces that cross; some twice."""
+    f, g, f_over_g, g_over_f = straddling(one, f, two, g)
+    rows = pierced(one, f, two, g, f_over_g, same)[0]
+    back = pierced(two, g, one, f, g_over_f, same)[0]
+    rows = np.concatenate((rows, back))
+    return np.column_stack((f[rows], g[rows]))
 
 
 def straddling(one: Planes, f: Index, two: Planes, g: Index) -> tuple[Index, Index, Float, Float]:
@@ -204,173 +223,3 @@ def pierced(
     if same:
         inside &= ~(two.faces[g[row]][:, :, None] == ends[:, None, :]).any(axis=(1, 2))
     return row[inside], ends[inside], t[inside]
-
-
-# --- candidates -------------------------------------------------------------------------------------
-def _searches(a: Surface, b: Surface) -> Iterator[_Search]:
-    """Yield the parts of the search for pairs (face of a, face of b) whose enclosing balls overlap.
-
-    Balls are searched octave of size by octave of size, so that one large face does not widen the
-    search of a million small ones. With ``b is a`` each pair is met once.
-    """
-    faces_a, faces_b = np.arange(len(a.faces)), np.arange(len(b.faces))
-    if len(faces_a) and len(faces_b) and a is not b:
-        low, high = np.maximum(a.bounds[0], b.bounds[0]), np.minimum(a.bounds[1], b.bounds[1])
-        faces_a, faces_b = _within(a.corners, low, high), _within(b.corners, low, high)
-    if not len(faces_a) or not len(faces_b):
-        return
-    classes_a = size_classes(a, faces_a)
-    classes_b = classes_a if a is b else size_classes(b, faces_b)
-    for i, one in enumerate(classes_a):
-        for two in classes_b[i:] if a is b else classes_b:
-            if one is two:
-                yield from _meetings(one)
-            else:
-                yield from (_Search(one, two, part, slice(None)) for part in _parts(one, two))
-
-
-def _within(corners: Float, low: Float, high: Float) -> Index:
-    """Indices of the faces (m, 3, 3) whose bounding box reaches into a box."""
-    return np.flatnonzero(
-        triples.every((triples.least(corners) <= high) & (triples.greatest(corners) >= low))
-    )
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Balls:
-    """Enclosing balls of about one size: tree of their centres, radii, and the face of each."""
-
-    tree: cKDTree
-    radius: Float
-    face: Index
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Search:
-    """Some balls of one class against some of another, by their places in the order of their trees.
-
-    The same places of the same class: each pair of them once.
-    """
-
-    one: Balls
-    two: Balls
-    part: slice
-    other: slice
-
-    def candidates(self) -> Iterator[tuple[Index, Index]]:
-        """Yield pairs (face, face) of balls that overlap, `AT_ONCE` at a time."""
-        one, two = self.one, self.two
-        reach = _reach(one, two)
-        f, g = one.tree.indices[self.part], two.tree.indices[self.other]
-        if one is two and self.part == self.other:
-            centre = one.tree.data[f]
-            pairs = cKDTree(centre, balanced_tree=False).query_pairs(reach, output_type="ndarray")
-            first, second = pairs[:, 0], pairs[:, 1]
-            apart = triples.squared(centre.take(first, axis=0) - centre.take(second, axis=0))
-            yield from self._near(f[first], f[second], np.sqrt(apart))
-            return
-        g = _beside(two, g, triples.box(one.tree.data[f]), reach)
-        if len(g):
-            f = _beside(one, f, triples.box(two.tree.data[g]), reach)
-        if len(f) and len(g):
-            here, there = (cKDTree(b.tree.data[at], balanced_tree=False) for b, at in ((one, f), (two, g)))
-            pairs = here.sparse_distance_matrix(there, reach, output_type="ndarray")
-            yield from self._near(f[pairs["i"]], g[pairs["j"]], pairs["v"])
-
-    def _near(self, f: Index, g: Index, apart: Float) -> Iterator[tuple[Index, Index]]:
-        """Yield the faces of the balls (f, g), so far apart, that overlap."""
-        near = np.flatnonzero(apart <= (self.one.radius[f] + self.two.radius[g]) * (1 + 1e-9))
-        f, g = self.one.face[f[near]], self.two.face[g[near]]
-        for start in range(0, len(f), AT_ONCE):
-            yield f[start : start + AT_ONCE], g[start : start + AT_ONCE]
-
-
-def _beside(balls: Balls, some: Index, box: tuple[Float, Float], reach: float) -> Index:
-    """Keep those of some balls whose centres are within reach of a box."""
-    centre = balls.tree.data.take(some, axis=0)
-    close = triples.every(centre >= box[0] - reach)
-    close &= triples.every(centre <= box[1] + reach)
-    return some[close]
-
-
-def _meetings(balls: Balls) -> Iterator[_Search]:
-    """Search a class in itself: each part, and each two parts that are near each other."""
-    parts, reach = _parts(balls, balls), _reach(balls, balls)
-    boxes = [triples.box(balls.tree.data[balls.tree.indices[part]]) for part in parts]
-    low, high = (np.array(corners) for corners in zip(*boxes, strict=True))
-    for i, part in enumerate(parts):
-        yield _Search(balls, balls, part, part)
-        near = triples.every(low[i + 1 :] <= high[i] + reach) & triples.every(high[i + 1 :] >= low[i] - reach)
-        for j in np.flatnonzero(near) + i + 1:
-            yield _Search(balls, balls, part, parts[j])
-
-
-def _reach(one: Balls, two: Balls) -> float:
-    """Distance between centres beyond which no two balls of these overlap."""
-    return float(one.radius.max() + two.radius.max()) * (1 + 1e-9)
-
-
-def _parts(one: Balls, two: Balls) -> list[slice]:
-    """Cut the search of one class against another into parts of some `BLOCK_PAIRS` or `BLOCK_FACES`."""
-    order, stride = one.tree.indices, 32
-    sample = two.tree.query_ball_point(one.tree.data[order[::stride]], _reach(one, two), return_length=True)
-    cost = np.maximum(np.asarray(sample) / BLOCK_PAIRS, 1.0 / BLOCK_FACES)
-    block = np.cumsum(cost * stride).astype(np.int64)
-    cuts = [0, *((np.flatnonzero(np.diff(block)) + 1) * stride).tolist(), len(order)]
-    return [slice(start, stop) for start, stop in itertools.pairwise(cuts)]
-
-
-def size_classes(surface: Surface, faces: Index) -> list[Balls]:
-    """Sort the enclosing balls of some faces by octaves of size."""
-    centre, radius, owner = _pieces(surface.vertices.take(surface.faces[faces], axis=0), faces)
-    # below a thousandth of the usual size all are one class, and most of an even mesh are of one
-    smallest = max(float(np.median(radius)) * 1.25 * 2.0**-10, float(radius.max()) * 2.0**-30)
-    octave = np.zeros(len(radius), dtype=np.int64)
-    if smallest > 0:
-        octave = np.ceil(np.log2(np.maximum(radius, smallest) / smallest)).astype(np.int64)
-    classes = []
-    for level in np.unique(octave):
-        rows = np.flatnonzero(octave == level)
-        classes.append(Balls(cKDTree(centre[rows], balanced_tree=False), radius[rows], owner[rows]))
-    return classes
-
-
-def _pieces(corners: Float, owner: Index) -> tuple[Float, Float, Index]:
-    """Enclosing balls of faces (m, 3, 3): (centres, radii, owner of each).
-
-    The ball of a long thin face holds much that is not near it: faces larger than the usual are
-    halved, the largest first, until there are some times as many pieces as faces.
-    """
-    centre, radius = enclosing_balls(corners)
-    usual, budget = 2.0 * float(np.median(radius)), 3 * len(corners) + 1000
-    while True:
-        large = radius > max(usual, 0.5 * float(radius.max()))
-        if not large.any() or len(radius) > budget:
-            return centre, radius, owner
-        halves = _halved(corners[large])
-        new_centre, new_radius = enclosing_balls(halves)
-        corners = np.concatenate((corners[~large], halves))
-        centre = np.concatenate((centre[~large], new_centre))
-        radius = np.concatenate((radius[~large], new_radius))
-        owner = np.concatenate((owner[~large], np.tile(owner[large], 2)))
-
-
-def enclosing_balls(corners: Float) -> tuple[Float, Float]:
-    """Return centres (m, 3) and radii (m,) of balls around faces (m, 3, 3)."""
-    centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
-    radius = triples.squared(corners[:, 0] - centre)
-    for i in (1, 2):
-        np.maximum(radius, triples.squared(corners[:, i] - centre), out=radius)
-    return centre, np.sqrt(radius)
-
-
-def _halved(corners: Float) -> Float:
-    """Cut each face (m, 3, 3) at the middle of its longest side: first halves, then second halves."""
-    rows = np.arange(len(corners))
-    sides = [corners[:, (i + 1) % 3] - corners[:, i] for i in range(3)]
-    start = np.argmax([triples.dot(side, side) for side in sides], axis=0)
-    stop = (start + 1) % 3
-    middle = 0.5 * (corners[rows, start] + corners[rows, stop])
-    one, two = corners.copy(), corners.copy()
-    one[rows, stop], two[rows, start] = middle, middle
-    return np.concatenate((one, two))

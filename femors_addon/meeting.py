@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from . import intersect, triples
+from . import balls, intersect, triples
 from .bodies import Solid
 from .crew import together
 from .cutouts import Region
@@ -76,7 +76,7 @@ class Meeting:
         ]
         planes = intersect.Planes.of(*now)
         f, g = self._pairs
-        size = intersect.AT_ONCE
+        size = balls.AT_ONCE
         blocks = [slice(start, start + size) for start in range(0, len(f), size)]
         found = together([partial(_tested, planes, f[block], g[block]) for block in blocks])
         return (
@@ -110,7 +110,7 @@ class Meeting:
         one, two = (part.surface for part in parts)
         if not len(one.faces) or not len(two.faces):
             return
-        classes = [intersect.size_classes(s, np.arange(len(s.faces))) for s in (one, two)]
+        classes = [balls.size_classes(s, np.arange(len(s.faces))) for s in (one, two)]
         jobs = [
             partial(_near, a, b, slice(start, start + AT_ONCE), self._slack)
             for a in classes[0]
@@ -122,7 +122,7 @@ class Meeting:
         self._pairs = keys // len(two.faces), keys % len(two.faces)
 
 
-def _near(one: intersect.Balls, two: intersect.Balls, part: slice, slack: float) -> tuple[Index, Index]:
+def _near(one: balls.Balls, two: balls.Balls, part: slice, slack: float) -> tuple[Index, Index]:
     """Return the pairs of faces of which balls are within the slack of each other."""
     rows = one.tree.indices[part]
     reach = float(one.radius.max() + two.radius.max()) * (1.0 + 1e-9) + slack

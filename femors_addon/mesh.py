@@ -18,7 +18,16 @@ from .triples import Float
 Int = NDArray[np.int32]
 Single = NDArray[np.float32]
 
-TOPOLOGY = ("edges", "edge_faces", "border", "components", "adjacency", "vertex_faces", "corner_order")
+TOPOLOGY = (
+    "edges",
+    "edge_faces",
+    "border",
+    "components",
+    "closed",
+    "adjacency",
+    "vertex_faces",
+    "corner_order",
+)
 
 
 def frozen(array: ArrayLike, dtype: type, columns: int) -> NDArray:
@@ -192,6 +201,13 @@ class Surface:
         """(m,) the component of each face: faces hang together by edges with two faces."""
         graph = edge_matrix(self.edge_faces[0], len(self.faces))
         return csgraph.connected_components(graph, directed=False)[1].astype(np.int32)
+
+    @cached_property
+    def closed(self) -> NDArray[np.bool_]:
+        """True for each of the `components` whose faces all have three neighbours."""
+        shared = np.bincount(self.edge_faces[0].ravel(), minlength=len(self.faces))
+        parts = int(self.components.max(initial=-1)) + 1
+        return np.asarray(np.bincount(self.components, shared != 3, minlength=parts) == 0)
 
     @cached_property
     def adjacency(self) -> sparse.csr_matrix:

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from .bodies import Solid
-from .contact import Side
 from .effort import Effort
 from .grnn import DisplacementField
 from .mesh import Float, Int
 from .overclosure_result import Step
 from .overclosure_settings import OverclosureSettings
 from .progress import Progress
+from .sides import Side
 
 SPREAD, SPREAD_DECAY = 10.0, 0.99995  # mm; per iteration
 SAMPLE, SAMPLE_GROWTH = 0.01, 1.005  # share of the surfaces' nodes that is looked at, and its growth

@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from . import triples
-from .intersect import enclosing_balls
+from .balls import Index, enclosing_balls
 from .mesh import Float, Int, Surface
 
 
@@ -69,6 +69,12 @@ class Part:
         """The part of the mesh at some positions."""
         return Surface(surface.vertices[self.nodes], self.corners)
 
+    def carried(self, positions: Float, mended: Float) -> Float:
+        """Return all positions (n, 3), those of the part (k, 3) being `mended`."""
+        out = positions.copy()
+        out[self.nodes] = mended
+        return out
+
 
 def patch(surface: Surface, faces: Int, rings: int) -> np.ndarray:
     """True (n,) for the nodes within `rings` edges of the faces, their own corners being the first."""
@@ -79,26 +85,69 @@ def patch(surface: Surface, faces: Int, rings: int) -> np.ndarray:
     return inside
 
 
-def hanging(surface: Surface, inside: np.ndarray) -> tuple[Int, int]:
-    """Number (n,) of the patch that each node is in, and how many there are; the last stands for none."""
-    nodes = np.flatnonzero(inside)
-    count, label = csgraph.connected_components(surface.adjacency[nodes][:, nodes], directed=False)
-    out = np.full(len(inside), count, dtype=np.int32)
-    out[nodes] = label
-    return out, int(count)
+def faces_at(surface: Surface, nodes: Int) -> Index:
+    """Faces (k,) at some nodes (of any shape), ascending; at the cost of these."""
+    order, first = surface.corner_order
+    nodes = np.unique(nodes)
+    start, count = first[nodes], first[nodes + 1] - first[nodes]
+    rows = np.arange(count.sum()) + np.repeat(start - (np.cumsum(count) - count), count)
+    return np.unique(order[rows]).astype(np.int64)
 
 
-def better(surface: Surface, inside: np.ndarray, before: Float, after: Float) -> np.ndarray:
-    """True (n,) for the nodes of patches, each hanging together, that are less bad than before."""
-    label, count = hanging(surface, inside)
+@dataclasses.dataclass(frozen=True, eq=False)
+class Hanging:
+    """Nodes of a mesh as patches, each hanging together.
 
-    def tally(badness: Float) -> Float:
-        counted = np.bincount(label[surface.faces].ravel(), np.repeat(badness, 3), count + 1)
-        return np.asarray(counted, dtype=float)
+    Attributes
+    ----------
+    faces : (j, 3) int32
+        Of the mesh.
+    label : (k,) int32
+        Number of the patch that each node is in, or `count`.
+    count : int
+        How many there are.
+    """
 
-    fewer = tally(after) < tally(before) - 1e-9
-    fewer[count] = True
-    return np.asarray(fewer[label])
+    faces: Int
+    label: Int
+    count: int
+
+    @classmethod
+    def of(cls, surface: Surface, inside: np.ndarray) -> Hanging:
+        """The patches of the nodes `inside` (k,)."""
+        nodes = np.flatnonzero(inside)
+        count, label = csgraph.connected_components(surface.adjacency[nodes][:, nodes], directed=False)
+        out = np.full(len(inside), count, dtype=np.int32)
+        out[nodes] = label
+        return cls(surface.faces, out, int(count))
+
+    def better(self, before: Float, after: Float) -> np.ndarray:
+        """True (k,) for the nodes of patches that are less bad than before, by all corners of faces (j,)."""
+        rows = np.flatnonzero(before != after)
+        change = np.repeat(after[rows] - before[rows], 3)
+        fewer = np.bincount(self.label[self.faces[rows]].ravel(), change, self.count + 1) < -1e-9
+        fewer[self.count] = True
+        return np.asarray(fewer[self.label])
+
+    def small(self, movement: Float, most: float, far: float) -> np.ndarray:
+        """True (k,) for the nodes of patches that have no more than so many, and that move no farther."""
+        size = np.bincount(self.label, minlength=self.count + 1)
+        farthest = np.zeros(self.count + 1)
+        np.maximum.at(farthest, self.label, movement)
+        small = (size <= most) & (farthest <= far)
+        small[self.count] = True
+        return np.asarray(small[self.label])
+
+    def all_of(self, some: np.ndarray) -> np.ndarray:
+        """True (k,) for all nodes of the patches that have some nodes (k,)."""
+        found = np.zeros(self.count + 1, dtype=bool)
+        found[self.label[some]] = True
+        found[self.count] = False
+        return np.asarray(found[self.label])
+
+    def of_faces(self, faces: Int) -> Int:
+        """Number of the patch that some faces (r,) reach into, or `count`."""
+        return np.asarray(triples.least(self.label[self.faces[faces]]))
 
 
 def evened(surface: Surface, positions: Float, nodes: Int, rounds: int) -> Float:

@@ -154,30 +154,28 @@ def flipped_faces(before: Surface, after: Surface) -> Int:
     """
     if before.faces is not after.faces and not np.array_equal(before.faces, after.faces):
         raise ValueError("flipped_faces() compares one mesh at two sets of positions")
-    folded = (_opposed(after) & ~_opposed(before)) | _inverted(before, after)
+    folded = (opposed(after) & ~opposed(before)) | inverted(before, after)
     return np.flatnonzero(folded | (degenerate(after) & ~degenerate(before))).astype(np.int32)
 
 
 def folded_faces(surface: Surface) -> Int:
     """Return the faces (k,) int32 that lie turned against their neighbourhood."""
-    return np.flatnonzero(_opposed(surface)).astype(np.int32)
+    return np.flatnonzero(opposed(surface)).astype(np.int32)
 
 
-def _opposed(surface: Surface) -> np.ndarray:
+def opposed(surface: Surface) -> np.ndarray:
     """True (m,) for the faces turned against their neighbourhood."""
     around = triples.total(surface.vertex_normals.take(surface.faces, axis=0))
     return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around)) < -1e-9
 
 
-def _inverted(before: Surface, after: Surface) -> np.ndarray:
+def inverted(before: Surface, after: Surface) -> np.ndarray:
     """True (m,) for the faces of closed components whose volume has changed its sign, unless all have."""
-    count = len(before.faces)
-    pairs, part = before.edge_faces[0], before.components
-    parts = int(part.max(initial=-1)) + 1
-    if parts < 2:  # turned, it is so as a whole
+    count, part = len(before.faces), before.components
+    closed = before.closed
+    parts = len(closed)
+    if parts < 2 or not closed.any():  # turned, it is so as a whole
         return np.zeros(count, dtype=bool)
-    shared = np.bincount(pairs.ravel(), minlength=count)
-    closed = np.bincount(part, shared != 3, minlength=parts) == 0
     change = np.sign(_volumes(before, part, parts)) * np.sign(_volumes(after, part, parts))
     turned = closed & (change < 0)
     if not (closed & (change > 0)).any():  # mirrored as a whole

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from . import triples
-from .intersect import enclosing_balls
+from .balls import enclosing_balls
 from .mesh import Float, Surface
 
 TOGETHER = 2_000_000  # pairs of ray and face looked at together: about 50 MB

@@ -8,13 +8,14 @@ import pytest
 from solids import box, hexes, moved, sphere
 
 from femors_addon.bodies import Body, Solid, shares
-from femors_addon.contact import Contacts, Pair
+from femors_addon.contact import Pair
 from femors_addon.contact_field import ContactField, representatives
 from femors_addon.cutouts import Region
 from femors_addon.intersect import piercings
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.separation import thickness, way_apart
+from femors_addon.sides import Contacts
 
 
 def solids(by=(17.0, 1.0, 2.0)) -> tuple[Solid, Solid]:

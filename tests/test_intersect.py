@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femors_addon import intersect
-from femors_addon.intersect import crossings, piercings, self_intersections
+from femors_addon import balls
+from femors_addon.intersect import crossings, crossings_of, piercings, self_intersections
 from femors_addon.mesh import Surface
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import bone, box, sphere
@@ -219,20 +219,38 @@ def test_the_order_of_faces_and_vertices_does_not_matter():
     assert as_set(np.sort(again, axis=1)) == as_set(self_intersections(a))
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_crossings_of_some_faces_are_those_of_all(seed):
+    rng = np.random.default_rng(seed)
+    a = soup(rng, np.where(rng.random(300) < 0.1, 1.0, 0.1), room=0.5)
+    some = np.unique(rng.integers(0, 300, 25))
+    whole = self_intersections(a)
+    expected = whole[np.isin(whole, some).any(axis=1)]
+    assert len(expected) > 20
+    around = balls.size_classes(a, np.arange(300))
+    np.testing.assert_array_equal(crossings_of(a, some, around), expected)
+    # where the chosen ones were before does not matter
+    corners = a.corners + np.isin(np.arange(300), some)[:, None, None] * rng.normal(size=(300, 1, 3))
+    moved = Surface(corners.reshape(-1, 3), a.faces)
+    whole = self_intersections(moved)
+    np.testing.assert_array_equal(crossings_of(moved, some, around), whole[np.isin(whole, some).any(axis=1)])
+    assert len(crossings_of(a, some[:0], around)) == len(crossings_of(sphere(1), np.arange(3), [])) == 0
+
+
 def test_small_blocks_and_cut_up_faces_find_the_same(monkeypatch):
     rng = np.random.default_rng(3)
     a = soup(rng, np.where(rng.random(300) < 0.1, 1.0, 0.03), sliver=50.0)
     whole, pierced = self_intersections(a), piercings(a, a)
-    monkeypatch.setattr(intersect, "BLOCK_PAIRS", 200)
+    monkeypatch.setattr(balls, "BLOCK_PAIRS", 200)
     assert np.array_equal(self_intersections(a), whole)
     assert np.array_equal(piercings(a, a).edge, pierced.edge)
-    assert len(intersect._pieces(a.corners, np.arange(300))[0]) > 600
+    assert len(balls._pieces(a.corners, np.arange(300))[0]) > 600
 
 
 def test_the_pieces_of_a_face_cover_it():
     rng = np.random.default_rng(4)
     a = soup(rng, np.where(rng.random(60) < 0.1, 5.0, 0.02), sliver=100.0)
-    centre, radius, owner = intersect._pieces(a.corners, np.arange(60))
+    centre, radius, owner = balls._pieces(a.corners, np.arange(60))
     weights = rng.dirichlet(np.ones(3), 40)
     for face in range(60):
         at = weights @ a.corners[face]
@@ -242,7 +260,7 @@ def test_the_pieces_of_a_face_cover_it():
 
 
 def candidates(a: Surface, b: Surface) -> int:
-    return sum(len(f) for search in intersect._searches(a, b) for f, _ in search.candidates())
+    return sum(len(f) for search in balls.searches(a, b) for f, _ in search.candidates())
 
 
 def test_few_pairs_are_looked_at_whatever_the_grading():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from femors_addon import cells, crew, frames, grnn, intersect, limits, nearest, quality
+from femors_addon import balls, cells, crew, frames, grnn, limits, nearest, quality
 from femors_addon import morph as morph_module
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
@@ -108,7 +108,7 @@ def test_threads_change_no_bit(job, monkeypatch):
     monkeypatch.setattr(grnn, "ASKED", 500)
     monkeypatch.setattr(cells, "CALLS", 0)
     monkeypatch.setattr(cells, "TOGETHER", 10_000)
-    monkeypatch.setattr(intersect, "AT_ONCE", 500)
+    monkeypatch.setattr(balls, "AT_ONCE", 500)
     limits.allow(1, 0)
     one = job()
     started = set()

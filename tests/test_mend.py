@@ -4,17 +4,20 @@
 import numpy as np
 import pytest
 
+from femors_addon import faults, mend, stepback
 from femors_addon import morph as morphing
+from femors_addon.faults import Judge
 from femors_addon.folds import Reference, bad_faces
 from femors_addon.intersect import self_intersections
-from femors_addon.mend import FARTHEST, REACH, _Patches, mended
+from femors_addon.mend import FARTHEST, REACH, mended
 from femors_addon.mesh import Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.patches import Part
+from femors_addon.patches import Part, faces_at
 from femors_addon.progress import Cancelled
 from femors_addon.quality import aspect_ratio, flipped_faces
 from femors_addon.shapes import sphere
+from femors_addon.stepback import step_back
 
 
 def whole(surface: Surface) -> Part:
@@ -83,20 +86,76 @@ def test_mending_can_be_cancelled(ball):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_crossings_around_what_moved_are_those_of_the_whole(ball, seed):
+def test_what_is_told_around_moved_nodes_is_what_is_told_of_all(seed):
     rng = np.random.default_rng(seed)
     fine = sphere(4)
     rough = fine.vertices + 0.4 * fine.mean_edge * rng.normal(size=fine.vertices.shape)
-    pairs = self_intersections(fine.moved(rough))
+    judge = Judge(fine, Reference(fine), whole(fine))
+    before = judge.state(rough, np.arange(len(fine.faces)))
     after = rough.copy()
     nodes = rng.integers(0, len(rough), 30)
     after[nodes] += 3.0 * fine.mean_edge * rng.normal(size=(30, 3))
-    every = whole(fine)
-    work = _Patches(fine, Reference(fine), every, SurfaceIndex(fine), MorphSettings())
-    got = work._crossed(pairs, rough, after)
-    all_of_them = self_intersections(fine.moved(after))
-    assert len(all_of_them) > len(pairs) / 2 and {*map(tuple, got)} == {*map(tuple, all_of_them)}
-    assert len(got) == len(all_of_them)
+    got, all_of_it = judge.after(before, after), judge.state(after, np.arange(len(fine.faces)))
+    assert len(all_of_it.pairs) > len(before.pairs) / 2
+    assert {*map(tuple, got.pairs)} == {*map(tuple, all_of_it.pairs)}
+    assert len(got.pairs) == len(all_of_it.pairs)
+    assert {0.0, faults.SQUEEZED, 1.0} == {*all_of_it.bad}
+    np.testing.assert_array_equal(got.own, all_of_it.own)
+    np.testing.assert_array_equal(got.bad, all_of_it.bad)
+    back = judge.after(got, rough)  # and it is as well known as what was told of all
+    np.testing.assert_array_equal(back.bad, before.bad)
+
+
+def test_a_component_that_is_turned_inside_out_is_told_though_few_nodes_move():
+    one, two = sphere(1), sphere(1, centre=(3.0, 0.0, 0.0))
+    both = Surface(np.concatenate((one.vertices, two.vertices)), np.concatenate((one.faces, two.faces + 42)))
+    judge = Judge(both, Reference(both), whole(both))
+    turned = both.vertices.copy()
+    turned[42:, 2] *= -1
+    before = judge.state(both.vertices, [])
+    assert not before.bad.any()
+    got = judge.after(before, turned)
+    assert set(np.flatnonzero(got.bad)) == set(range(80, 160))
+    np.testing.assert_array_equal(judge.state(turned, []).bad, got.bad)
+    assert not judge.after(got, both.vertices).bad.any()
+
+
+def test_faces_at_nodes_are_those_of_a_search(ball):
+    nodes = np.array([[5, 7], [5, 300]])
+    expected = np.flatnonzero(np.isin(ball.faces, nodes).any(axis=1))
+    np.testing.assert_array_equal(faces_at(ball, nodes), expected)
+    assert not len(faces_at(ball, nodes[:0]))
+
+
+def _looked_at(monkeypatch, ball):
+    """How many faces are judged, and pairs of them tested, where a fold is mended by stepping back."""
+    _, displacement = _pulled(ball, 1.4)
+    judge = Judge(ball, Reference(ball), whole(ball))
+    state = judge.state(ball.vertices + displacement, np.arange(len(ball.faces)))
+    assert len(state.worst)
+    count = {"faces": 0, "crossing": 0}
+    own, crossing = Judge._own, faults.crossings_of
+
+    def counted_own(self, moved, rows):
+        count["faces"] += len(moved.faces)
+        return own(self, moved, rows)
+
+    def counted_crossing(surface, some, balls):
+        count["crossing"] += len(some)
+        return crossing(surface, some, balls)
+
+    monkeypatch.setattr(Judge, "_own", counted_own)
+    monkeypatch.setattr(faults, "crossings_of", counted_crossing)
+    after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
+    monkeypatch.undo()
+    assert not len(after.worst)
+    return count
+
+
+def test_faces_looked_at_grow_with_what_is_bad_and_not_with_the_part(monkeypatch):
+    small, large = (_looked_at(monkeypatch, sphere(halvings)) for halvings in (4, 5))
+    for what, count in large.items():
+        assert 0 < count < 1.3 * small[what], (what, small, large)  # of four times the faces
 
 
 def test_a_part_of_a_large_mesh_is_mended_as_the_whole_is(monkeypatch):
@@ -145,32 +204,30 @@ def test_nodes_that_may_not_move_stay(ball):
     assert left > 0  # and it is said that they are bad
 
 
-def _patches(ball, pull):
-    """Patches that may be anywhere, the positions to be mended, and how bad each face is there."""
-    positions = ball.vertices + _pulled(ball, pull)[1]
-    every = whole(ball)
-    work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
-    return work, positions, work.badness(positions, self_intersections(ball.moved(positions)))
+def _judged(ball, positions):
+    """A judge of all of a ball, and what is bad at some positions."""
+    judge = Judge(ball, Reference(ball), whole(ball))
+    return judge, judge.state(positions, np.arange(len(ball.faces)))
 
 
 def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
-    work, positions, bad = _patches(ball, 1.4)
-    assert (bad >= 1).any()
-    after, left = work.step_back(positions, bad)
-    moved = ball.moved(after)
-    assert not (left >= 1).any()
-    assert not len(flipped_faces(ball, moved)) and not len(self_intersections(moved))
-    step = np.linalg.norm(after - positions, axis=1)
+    positions = ball.vertices + _pulled(ball, 1.4)[1]
+    judge, state = _judged(ball, positions)
+    assert len(state.worst)
+    after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
+    assert not len(after.worst)
+    assert not len(flipped_faces(ball, after.surface)) and not len(self_intersections(after.surface))
+    step = np.linalg.norm(after.positions - positions, axis=1)
     assert 0 < step.max() <= FARTHEST * ball.mean_edge
     # half-way steps, one after the other: what is left is small beside an edge
-    assert SurfaceIndex(ball).closest(after).distance.max() < 0.05 * ball.mean_edge
+    assert SurfaceIndex(ball).closest(after.positions).distance.max() < 0.05 * ball.mean_edge
 
 
 def test_patches_that_would_step_back_too_far_stay(ball):
-    work, positions, bad = _patches(ball, 6.0)
-    after, left = work.step_back(positions, bad)
-    np.testing.assert_array_equal(after, positions)
-    np.testing.assert_array_equal(left, bad)
+    judge, state = _judged(ball, ball.vertices + _pulled(ball, 6.0)[1])
+    after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
+    np.testing.assert_array_equal(after.positions, state.positions)
+    np.testing.assert_array_equal(after.bad, state.bad)
 
 
 def test_a_face_on_its_back_is_turned_over_and_nothing_else_moves(ball):
@@ -185,14 +242,67 @@ def test_a_face_on_its_back_is_turned_over_and_nothing_else_moves(ball):
     displacement[corners] = -1.1 * ((here - middle) @ across)[:, None] * across
     positions = ball.vertices + displacement
     assert list(flipped_faces(ball, ball.moved(positions))) == [face]
-    every = whole(ball)
-    work = _Patches(ball, Reference(ball), every, SurfaceIndex(ball), MorphSettings())
-    bad = work.badness(positions, self_intersections(ball.moved(positions)))
-    after, left = work.step_back(positions, bad)
-    assert not (left >= 1).any()
-    assert not len(flipped_faces(ball, ball.moved(after)))
-    step = np.linalg.norm(after - positions, axis=1)
+    judge, state = _judged(ball, positions)
+    after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
+    assert not len(after.worst)
+    assert not len(flipped_faces(ball, after.surface))
+    step = np.linalg.norm(after.positions - positions, axis=1)
     assert set(np.flatnonzero(step)) <= set(corners) and step.max() < 0.5 * ball.mean_edge
+
+
+def test_a_squeezed_face_that_is_squeezed_more_is_worse_off(ball):
+    """On the way back to the target, that is; `bad` alone does not tell."""
+    judge, state = _judged(ball, ball.vertices + _pulled(ball, 0.97)[1])
+    squeezed = np.flatnonzero(state.bad == faults.SQUEEZED)
+    more = judge.after(state, ball.vertices + _pulled(ball, 0.98)[1])
+    assert len(squeezed)
+    np.testing.assert_array_equal(more.bad, state.bad)
+    assert set(stepback._worse(state, more)) == set(squeezed)
+    assert not len(stepback._worse(more, state)) and not len(stepback._worse(state, state))
+
+
+def test_places_far_from_each_other_take_ways_of_their_own(ball, monkeypatch):
+    """Of two ways each mends one of two places: both places are well in the first round."""
+    nodes = np.array([200, int(np.argmin(ball.vertices @ ball.vertices[200]))])
+    others = [ball.adjacency[node].indices[0] for node in nodes]
+    positions = ball.vertices.copy()
+    positions[nodes] += 1.4 * (ball.vertices[others] - ball.vertices[nodes])
+    judge, state = _judged(ball, positions)
+    asked = []
+
+    def two(judge, state, places, mean):
+        for node in nodes:
+            asked.append(node)
+            trial = state.positions.copy()
+            trial[node] = ball.vertices[node]
+            yield trial
+
+    monkeypatch.setattr(stepback, "_ways", two)
+    monkeypatch.setattr(stepback, "BACK", (1,))
+    after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
+    assert len(state.worst) > 2 and not len(after.worst)
+    assert asked == list(nodes)
+
+
+def test_what_did_not_help_is_not_tried_again_where_nothing_has_moved(ball, monkeypatch):
+    """One fold is mended, another is too far gone: in the second round nobody looks at it."""
+    positions = ball.vertices + _pulled(ball, 1.3)[1]
+    far = int(np.argmin(ball.vertices @ ball.vertices[200]))
+    positions[far] *= -1.0
+    judge, state = _judged(ball, positions)
+    tried = []
+    ways = stepback._ways
+
+    def recorded(judge, state, places, mean):
+        tried.append((places.rings, len(places.at)))
+        return ways(judge, state, places, mean)
+
+    monkeypatch.setattr(stepback, "_ways", recorded)
+    after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
+    assert 0 < len(after.worst) < len(state.worst)
+    widths = [rings for rings, _ in tried]
+    assert set(widths) == set(stepback.BACK)
+    assert widths.count(max(stepback.BACK)) == 1, tried
 
 
 def test_as_the_last_resort_nodes_go_farther(ball, monkeypatch):
@@ -241,14 +351,14 @@ def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
         return after.flipped + after.self_intersecting
 
     with_it = bad()
-    monkeypatch.setattr(_Patches, "step_back", lambda self, positions, bad, *_: (positions, bad))
+    monkeypatch.setattr(mend, "step_back", lambda judge, state, *_: state)
     without = bad()
     assert with_it < 0.3 * without, (with_it, without)  # 0 against 71
 
 
 @pytest.mark.parametrize("word", ["stepping back", "returning"])
 def test_stepping_back_may_be_cancelled_between_its_ways(ball, word):
-    work, positions, bad = _patches(ball, 1.3)
+    judge, state = _judged(ball, ball.vertices + _pulled(ball, 1.3)[1])
     said: list[str] = []
 
     def cancelling(_fraction, text):
@@ -257,6 +367,6 @@ def test_stepping_back_may_be_cancelled_between_its_ways(ball, word):
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        work.step_back(positions, bad, cancelling)
+        step_back(judge, state, SurfaceIndex(ball), MorphSettings(), cancelling)
     assert said[-1].startswith(word)
     assert said.count(said[-1]) == 1

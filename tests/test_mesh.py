@@ -419,3 +419,11 @@ def test_edges_along_which_two_faces_run_the_same_way():
     faces[7] = faces[7, ::-1]
     turned = Surface(shape.vertices, faces)
     np.testing.assert_array_equal(turned.opposed_edges, (turned.edge_faces[0] == 7).any(axis=1))
+
+
+def test_closed_components_are_told_one_by_one():
+    one, two = sphere(1), sphere(1, centre=(3.0, 0.0, 0.0))
+    faces = np.concatenate((one.faces, two.faces[1:] + len(one.vertices)))
+    both = Surface(np.concatenate((one.vertices, two.vertices)), faces)
+    assert both.closed[both.components].tolist() == [True] * 80 + [False] * 79
+    assert Surface(np.zeros((0, 3)), np.zeros((0, 3), int)).closed.tolist() == []

@@ -217,9 +217,16 @@ def test_what_is_left_is_counted_as_the_judge_counts(monkeypatch):
     assert 0 < len(folded(Reference(ball), ball.moved(ball.vertices + broken))) < 40
     monkeypatch.setattr(folds, "PATCHES", (1,))
     monkeypatch.setattr(folds, "_harmonic", lambda displacement, *_: displacement)  # mends nothing
-    out, left = unfolded(Reference(ball), broken, averaging(ball), lambda reference, moved: np.arange(40))
+    asked = []
+
+    def judge(reference, moved):
+        asked.append(moved)
+        return np.arange(40)
+
+    out, left = unfolded(Reference(ball), broken, averaging(ball), judge)
     assert np.array_equal(out, broken)
     assert len(left) == 40
+    assert len(asked) == 1  # of the best state alone: a later one that has as many folds cannot be it
 
 
 def test_a_sound_displacement_is_not_mended():
