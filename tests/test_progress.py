@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femors_addon import intersect, nearest, reduce, relax, shapes
+from femors_addon import balls, nearest, reduce, relax, shapes
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.progress import Cancelled
 
@@ -43,14 +43,14 @@ def test_cancelling_at_any_call_ends_it_and_leaves_the_meshes():
         ("iteration 1 of", (nearest.SurfaceIndex, "_look")),
         ("relaxation", (nearest.SurfaceIndex, "_look")),
         ("relaxation", (relax.ShapeMatching, "move")),
-        ("checking for folded faces", (intersect._Search, "candidates")),
+        ("checking for folded faces", (balls.Search, "candidates")),
         ("closest points", (nearest.SurfaceIndex, "_look")),
     ],
     ids=lambda value: value if isinstance(value, str) else value[1],
 )
 def test_between_two_blocks_of_work_it_asks(step, work, monkeypatch):
     monkeypatch.setattr(nearest, "BLOCK_PAIRS", 1000)
-    monkeypatch.setattr(intersect, "BLOCK_PAIRS", 300)
+    monkeypatch.setattr(balls, "BLOCK_PAIRS", 300)
     blocks: list[int] = []
     said = [""]
     inner = getattr(*work)
