@@ -578,6 +578,13 @@ def test_nothing_to_do_is_no_failure():
     assert result.history == ()
 
 
+def test_the_length_of_a_border_is_that_of_edges_with_one_face():
+    """Not of every edge between two of its nodes: the square's diagonal."""
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert morph_fit._border_length(Surface(corners, [[0, 1, 2], [0, 2, 3]])) == 4.0
+    assert morph_fit._border_length(SMALL) == 0.0
+
+
 # --- the field ------------------------------------------------------------------------------------
 def test_the_field_carries_other_points_as_the_vertices_go(pair, morphed):
     """On the surface: 2 % of the mean edge measured, 12 % at most."""
