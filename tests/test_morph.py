@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from surfaces import cut, soup, together
 
-from femors_addon import morph_outcome, shapes
+from femors_addon import morph_fit, morph_outcome, shapes
 from femors_addon import settings as declared
 from femors_addon.commandline import for_command
 from femors_addon.mesh import Float, Surface, triangulate
