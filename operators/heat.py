@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..femors_addon.progress import FemorsError, counted
-from . import deck_store, dependencies, heat_form, scene
+from . import deck_store, dependencies, form, heat_form, scene
 from .heat_shading import SHADING, redraw, shade, unshade
 from .heat_values import values_of
 from .lazy import Array, np
@@ -37,13 +37,13 @@ class FEMORS_PG_heat(bpy.types.PropertyGroup):
 
     mesh: bpy.props.PointerProperty(
         type=bpy.types.Object,
-        poll=heat_form.is_mesh,
+        poll=form.is_mesh,
         name="Mesh",
         description="The mesh to be measured; empty takes the active object",
     )
     other: bpy.props.PointerProperty(
         type=bpy.types.Object,
-        poll=heat_form.is_mesh,
+        poll=form.is_mesh,
         name="Compare with",
         description="Another mesh, for distances and the volume in which the two differ; may be empty",
     )

@@ -16,8 +16,3 @@ def changed(form: Any, context: Any) -> None:
     """Paint anew what is shown as a heat map."""
     if Listener.repaint is not None:
         Listener.repaint(context)
-
-
-def is_mesh(form: Any, item: Any) -> bool:
-    """Whether a picker offers this object: a mesh, and not one that was deleted."""
-    return item.type == "MESH" and bool(item.users_scene)
