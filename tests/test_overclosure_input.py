@@ -154,12 +154,13 @@ def test_metres_beside_millimetres_are_told():
     assert any("unit of length" in note for note in remove_overclosure(bodies).notes)
 
 
-def test_a_body_that_is_merely_far_smaller_is_told_by_its_size_alone():
-    bodies = [Body("bone", sphere(2, 500.0)), Body("bead", sphere(2, 1.0, (600.0, 0.0, 0.0)))]
+def test_a_part_in_metres_beside_millimetres_is_asked_about():
+    """Of any ratio of sizes: one body is not as large as the other in one unit either."""
+    bodies = [Body("bone", sphere(2, 0.03)), Body("cartilage", sphere(2, 14.0, (600.0, 0.0, 0.0)))]
     told: list[str] = []
     check_overclosure(bodies, tell=told.append)
-    assert "'bone' is 500 times as large as 'bead'" in told
-    assert not any("unit" in note for note in told)
+    words = "'cartilage' is 467 times as large as 'bone': are all bodies in one unit of length?"
+    assert words in told
 
 
 def test_cancelling_ends_at_once():
