@@ -235,8 +235,8 @@ def _changes(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str]
         if change is None and before > 0 and not solid.open_edges:  # a sheet has no volume
             change = abs(after - before) / before
         if change is not None and change > MUCH:
-            words = f"the removal changed {change:.0%} of its volume; are the bodies in their places?"
-            notes.append(f"{body.name}: {words}")
+            words = f"what the removal took away and added is {change:.0%} of its volume"
+            notes.append(f"{body.name}: {words}; are the bodies in their places?")
     return notes
 
 
