@@ -33,7 +33,8 @@ EXIT_CODES = """exit codes:
   130  interrupted (Ctrl-C); the last line says if anything is written
 
 A deck of several parts (or solid element sets) gives one body for each, named STEM:PART, and comes
-back as one deck; any other file gives one body, named as the file without its ending.
+back as one deck; any other file gives one body, named as the file without its ending. In the options
+STEM stands for all parts of its deck.
 """
 
 
