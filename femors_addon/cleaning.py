@@ -17,7 +17,7 @@ from .orientation import oriented
 from .progress import FemorsError, counted
 
 MERGED = "merged for the maths"
-"""How a note ends that is no warning: any STL file has each vertex several times."""
+"""How a note ends that is no warning; of STL files, which share no vertex, it is not said."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     lookup[used] = np.arange(len(used), dtype=np.int32)
     to_clean = lookup[merged]
     shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
-    if shared:
+    if shared and not _apart(raw):
         notes.append(
             counted(
                 shared,
@@ -85,6 +85,12 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
         verb = "was" if turned == 1 else "were"
         notes.append(f"{turned} of {len(faces)} faces {verb} wound inward and turned for the maths")
     return Cleaned(surface, to_clean, face_map, tuple(f"{name}: {note}" for note in notes))
+
+
+def _apart(surface: Surface) -> bool:
+    """Whether each triangle has three vertices of its own: so it is in any STL file, and no news."""
+    vertices = len(surface.vertices)
+    return vertices == surface.faces.size and np.bincount(surface.faces.ravel()).max() == 1
 
 
 def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:

@@ -121,14 +121,13 @@ def with_shares(bodies: list[Body], args: argparse.Namespace) -> list[Body]:
         raise FemorsError(f"two bodies are named '{twice}'; give the files different names")
     given: dict[str, float] = {}
     for name in args.rigid:
-        _known(name, names, "--rigid")
-        given[name] = 0.0
+        given |= dict.fromkeys(_known(name, names, "--rigid"), 0.0)
     for text in args.share:
         name, value = _split(text, "--share", "NAME=S")
-        _known(name, names, "--share")
-        if name in given:
-            raise FemorsError(f"--share {text}: '{name}' has a share or is rigid already")
-        given[name] = _number(value, "--share", text)
+        for one in _known(name, names, "--share"):
+            if one in given:
+                raise FemorsError(f"--share {text}: '{one}' has a share or is rigid already")
+            given[one] = _number(value, "--share", text)
     return [dataclasses.replace(body, share=given.get(body.name)) for body in bodies]
 
 
@@ -136,20 +135,27 @@ def pairs_asked(
     args: argparse.Namespace, names: list[str]
 ) -> tuple[list[tuple[str, str]], dict[tuple[str, str], float]]:
     """Return the pairs that may overlap, and the gaps of single pairs, that the command line names."""
-    exclude = [_pair(text, "--exclude", names) for text in args.exclude]
+    exclude = [pair for text in args.exclude for pair in _pairs(text, "--exclude", names)]
     gaps = {}
     for text in args.pair_gap:
-        pair, value = _split(text, "--pair-gap", "A,B=G")
-        one, two = _pair(pair, "--pair-gap", names)
-        if (one, two) in exclude or (two, one) in exclude:
-            raise FemorsError(f"--pair-gap {text}: the pair is excluded; give it one or the other")
-        gaps[one, two] = _number(value, "--pair-gap", text)
+        both, value = _split(text, "--pair-gap", "A,B=G")
+        for one, two in _pairs(both, "--pair-gap", names):
+            if (one, two) in exclude or (two, one) in exclude:
+                raise FemorsError(f"--pair-gap {text}: the pair is excluded; give it one or the other")
+            gaps[one, two] = _number(value, "--pair-gap", text)
     return exclude, gaps
 
 
-def _known(name: str, names: list[str], option: str) -> None:
-    if name not in names:
+def _named(name: str, names: list[str]) -> list[str]:
+    """Return the bodies that a name means: its own, or all parts of the deck of that name."""
+    return [name] if name in names else [one for one in names if one.startswith(f"{name}:")]
+
+
+def _known(name: str, names: list[str], option: str) -> list[str]:
+    found = _named(name, names)
+    if not found:
         raise FemorsError(f"{option} {name}: there is no such body; there are {', '.join(names)}")
+    return found
 
 
 def _split(text: str, option: str, form: str) -> tuple[str, str]:
@@ -159,14 +165,19 @@ def _split(text: str, option: str, form: str) -> tuple[str, str]:
     return name, value
 
 
-def _pair(text: str, option: str, names: list[str]) -> tuple[str, str]:
-    """Split a pair at the comma that leaves two known names, for names may have commas too."""
+def _pairs(text: str, option: str, names: list[str]) -> list[tuple[str, str]]:
+    """Split a pair at the comma that leaves two known names, for names may have commas too.
+
+    Decks stand for all of their parts.
+    """
     cuts = [number for number, letter in enumerate(text) if letter == ","]
     for cut in cuts:
-        if text[:cut] in names and text[cut + 1 :] in names:
-            return text[:cut], text[cut + 1 :]
+        ours, theirs = _named(text[:cut], names), _named(text[cut + 1 :], names)
+        if ours and theirs:
+            alone = ours == theirs and len(ours) == 1  # no pair, which is told where the bodies are known
+            return [(one, two) for one in ours for two in theirs if one != two or alone]
     if len(cuts) == 1 and all(text.split(",")):
-        unknown = next(name for name in text.split(",") if name not in names)
+        unknown = next(name for name in text.split(",") if not _named(name, names))
         raise FemorsError(f"{option} {text}: there is no body '{unknown}'; there are {', '.join(names)}")
     raise FemorsError(f"{option} {text}: two names with a comma between them are needed")
 

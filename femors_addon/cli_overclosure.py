@@ -33,7 +33,8 @@ EXIT_CODES = """exit codes:
   130  interrupted (Ctrl-C); the last line says if anything is written
 
 A deck of several parts (or solid element sets) gives one body for each, named STEM:PART, and comes
-back as one deck; any other file gives one body, named as the file without its ending.
+back as one deck; any other file gives one body, named as the file without its ending. In the options
+STEM stands for all parts of its deck.
 """
 
 
@@ -158,7 +159,7 @@ def _write(
         notes += [*getattr(source.thing, "notes", ()), *parts.notes]
     report = [] if args.report is None else [Path(args.report)]
     check_paths(_inputs(sources), [*written, *report])
-    with files.folder_for(args.out), files.replacing(*written, *report) as new:
+    with files.replacing(*written, *report) as new:
         for temporary, data in zip(
             new,
             [*written.values(), *(_report(args, version, bodies, exclude, result) for _ in report)],
@@ -203,9 +204,7 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
     if args.report is not None:
         check_ending(args.report)
         check_paths(args.sources, [args.report])
-        fresh = args.out is not None and not args.check and not Path(args.out).exists()
-        if not (fresh and Path(args.report).parent == Path(args.out)):  # that folder is made with the rest
-            files.check_writable(args.report)
+        files.check_writable(args.report)
     if args.out is None or args.check:
         return []
     folder = Path(args.out)

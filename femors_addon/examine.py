@@ -27,6 +27,7 @@ from .quality import (
     skewness,
 )
 from .quantities import triangle_jacobians
+from .units import BEYOND
 from .volume_quality import VolumeQuality
 
 WORST_ASPECT = 10.0
@@ -258,8 +259,17 @@ def examine(
         slender=np.sort(ours.face_map[aspect > worst_aspect]),
         elements=elements,
         against=against,
-        notes=ours.notes,
+        notes=(*ours.notes, *([] if other is None else _unlike(mesh, other))),
     )
+
+
+def _unlike(mesh: Surface, other: Surface) -> list[str]:
+    """Say where the sizes of two meshes differ beyond what anatomy has."""
+    ratio = other.diagonal / mesh.diagonal
+    if 1.0 / BEYOND <= ratio <= BEYOND:
+        return []
+    words = f"{max(ratio, 1.0 / ratio):.4g} times {'larger' if ratio > 1.0 else 'smaller'}"
+    return [f"other mesh: is {words} than the mesh: are both in one unit of length?"]
 
 
 def _against(surface: Surface, ours: Cleaned, other: Surface, progress: Progress) -> Against:

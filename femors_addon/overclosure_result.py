@@ -19,7 +19,6 @@ from .intersect import crossings
 from .overclosure_figures import BodyResult, figures_of
 from .overclosure_settings import OverclosureSettings
 from .progress import counted
-from .units import near_unit
 
 if TYPE_CHECKING:
     from .effort import Effort
@@ -236,8 +235,8 @@ def _changes(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str]
         if change is None and before > 0 and not solid.open_edges:  # a sheet has no volume
             change = abs(after - before) / before
         if change is not None and change > MUCH:
-            words = f"the removal changed {change:.0%} of its volume; are the bodies in their places?"
-            notes.append(f"{body.name}: {words}")
+            words = f"what the removal took away and added is {change:.0%} of its volume"
+            notes.append(f"{body.name}: {words}; are the bodies in their places?")
     return notes
 
 
@@ -263,14 +262,15 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
             )
     sizes = sorted((solid.begun_surface.diagonal, solid.name) for solid in solids)
     if sizes[0][0] * UNLIKE < sizes[-1][0]:
-        ratio = sizes[-1][0] / sizes[0][0]
-        words = f"'{sizes[-1][1]}' is {ratio:.0f} times as large as '{sizes[0][1]}'"
-        notes.append(words if near_unit(ratio) is None else f"{words}: are all bodies in one unit of length?")
+        notes.append(
+            f"'{sizes[-1][1]}' is {sizes[-1][0] / sizes[0][0]:.0f} times as large as '{sizes[0][1]}': "
+            "are all bodies in one unit of length?"
+        )
     of = {solid.name: solid.begun_surface for solid in solids}
     for finding in before:
         size, larger = sorted(of[name].diagonal for name in finding.names)
         if size * UNLIKE < larger:
-            continue  # all that follows would come from the sizes, which are told above
+            continue  # all that follows would come from the other unit, which is told above
         room = max(abs(of[name].volume) for name in finding.names)
         if finding.shared is not None and finding.shared > ALIKE * room > 0:
             notes.append(f"{finding.one} and {finding.two}: take up nearly the same room; are they one body?")

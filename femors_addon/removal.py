@@ -18,7 +18,7 @@ from .effort import Effort
 from .limits import require_nodes
 from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find, same_surface
 from .overclosure_methods import nodal, published
-from .overclosure_result import OverclosureResult, Step, result_of
+from .overclosure_result import WIDE, OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError, Progress, part
 from .removal_loop import loop
@@ -97,12 +97,21 @@ class Removal:
         self.through: dict[tuple[str, str], str] = {}
 
     def run(self, progress: Progress) -> None:
-        """Do what has to be done."""
+        """Do what has to be done.
+
+        Raises
+        ------
+        FemorsError
+            Every body rigid; a gap of more than a tenth of a body that it would move.
+        Cancelled
+            From `progress`.
+        """
         bounds: Bounds = {}
         self.before = self.after = self._find(part(progress, 0.0, 0.1), bounds)
         overlap = any(not finding.clear for finding in self.before)
         if overlap and all(solid.share == 0 for solid in self.solids):
             raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
+        self._check_gaps()
         self.efforts = self._begun(bounds)
         if not overlap:
             return
@@ -123,6 +132,18 @@ class Removal:
             self.stop,
             self.through,
         )
+
+    def _check_gaps(self) -> None:
+        """Refuse a gap in another unit: bodies that are thinned by it would be certified."""
+        of = {solid.name: solid for solid in self.solids}
+        for finding in self.before:
+            small = min((of[name] for name in finding.names), key=lambda solid: solid.surface.diagonal)
+            share = finding.gap / small.surface.diagonal
+            if share > WIDE and not finding.clear and sum(of[name].share for name in finding.names) > 0:
+                raise FemorsError(
+                    f"the gap, {finding.gap:g}, is {share:.0%} of the size of '{small.name}': give it in the "
+                    "unit of the coordinates"
+                )
 
     def _run_through(self) -> dict[tuple[str, str], str]:
         of = {solid.name: solid for solid in self.solids}

@@ -21,7 +21,6 @@ from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, counted, part, silent
 from .transfer_settings import TransferSettings
 from .transforms import mirrors, transformed
-from .units import near_unit
 from .volume import VolumeMesh
 from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians
@@ -31,7 +30,14 @@ SMALL = 0.01  # of the source's size: points that span less and are not on it ma
 OFF_TARGET = 0.02  # of the size: a surface to project onto that is farther may be the wrong one
 ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
 UNLIKE = 20.0  # times the source's size, or as small a part of it: a mesh may be in another unit
-UNITS = {25.4: "millimetres and inches", 100.0: "centimetres and metres", 1000.0: "millimetres and metres"}
+LARGEST = 4.0  # times the source's size: a unit that makes a thing larger is not its own
+UNITS = {
+    10.0: "millimetres and centimetres",
+    25.4: "millimetres and inches",
+    100.0: "centimetres and metres",
+    1000.0: "millimetres and metres",
+    1e6: "micrometres and metres",
+}
 SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
 THERE = 0.002  # of the size: half of what was carried before is so near the surface that it was carried to,
 AWAY = 5.0  # and so many times as far from the other
@@ -266,8 +272,9 @@ class Transfer:
     def unlike(self, points: Float) -> tuple[list[str], list[str]]:
         """Return notes and faults on a mesh's points (p, 3) that are far larger or smaller than the source.
 
-        Where the ratio is that of two units it is a fault. A small mesh that lies by the source's surface,
-        such as a graft's or a screw's, is left alone unless it would lie there in the other unit too.
+        A part may have any size, so the unit that brings it nearest to the source, for the size that it has
+        then, is taken for its own; it is a fault where that is another. A small mesh by the source's surface
+        in the field's unit, such as a graft or a screw, is left alone.
         """
         if not len(self.carrier.field.faces):
             return [], []
@@ -276,19 +283,22 @@ class Transfer:
         span = float(np.linalg.norm(np.ptp(points, axis=0)))
         if not span > 0 or 1 / UNLIKE <= span / before.diagonal <= UNLIKE:
             return [], []
-        ratio = max(span / before.diagonal, before.diagonal / span)
-        factor = near_unit(ratio, tuple(UNITS))
-        if span < before.diagonal:
-            sample = points[:: max(len(points) // SAMPLE, 1)]
-            here, there = (
-                np.median(self._before.closest(f * sample).distance) for f in (1.0, factor or ratio)
-            )
-            if here <= FAR * before.diagonal < there:
-                return [], []
-        kind = "larger" if span > before.diagonal else "smaller"
-        side = "target" if self.settings.inverse else "source"
+        large = span > before.diagonal
+        ratio = span / before.diagonal if large else before.diagonal / span
+        sample = points[:: max(len(points) // SAMPLE, 1)]
+
+        def away(factor: float) -> float:
+            scaled = sample / factor if large else sample * factor
+            return float(np.median(self._before.closest(scaled).distance))
+
+        fit = [one for one in UNITS if (ratio / one if large else one / ratio) <= LARGEST] or [max(UNITS)]
+        fit += [] if large else [1.0]
+        factor = min(fit, key=lambda one: away(one) * (one if large else 1.0 / one))
+        if factor == 1.0 and away(1.0) <= FAR * before.diagonal:
+            return [], []
+        kind, side = "larger" if large else "smaller", "target" if self.settings.inverse else "source"
         words = f"is {ratio:.4g} times {kind} than the {side} of the field '{self.carrier.field.name}'"
-        if factor is None:
+        if factor == 1.0:
             return [words], []
         units = f"{UNITS[factor]} differ by {factor:g}"
         return [], [f"{words}: probably in another unit of length ({units}); give both in one unit"]

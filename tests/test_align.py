@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -229,7 +231,7 @@ def test_sizes_as_people_have_them_are_no_other_unit(pair):
         )
 
 
-@pytest.mark.parametrize("ratio", [5.0, 6.0, 50.0, 180.0, 1 / 5.5])
+@pytest.mark.parametrize("ratio", [5.0, 6.0, 17.0, 1 / 5.5])
 def test_merely_different_sizes_are_told_as_such(pair, ratio):
     other = placed(homogeneous(np.eye(3) / ratio, np.zeros(3)), pair.source)
     assert unit_factor(other, pair.target) is None
@@ -238,6 +240,38 @@ def test_merely_different_sizes_are_told_as_such(pair, ratio):
         times = size_ratio(other, pair.target)
         words = f"{times:.3g} times larger" if ratio > 1 else f"{1 / times:.3g} times smaller"
         assert said == f"the target is {words} than the source"
+
+
+@pytest.mark.parametrize("up", [True, False])
+@pytest.mark.parametrize(
+    ("ratio", "factor"),
+    [(600.0, 1000.0), (450.0, 1000.0), (50.0, 100.0), (1.1e6, 1e6), (0.9e9, 1e9), (7.5, 10.0)],
+)
+def test_sizes_that_no_anatomy_has_are_another_unit(pair, ratio, factor, up):
+    """An adult's bone in metres beside a child's in millimetres, of 0.6 and of 0.45 of its size."""
+    if not up:
+        ratio, factor = 1.0 / ratio, 1.0 / factor
+    own = size_ratio(pair.source, pair.target)
+    other = placed(homogeneous(np.eye(3) * own / ratio, np.zeros(3)), pair.source)
+    assert unit_factor(other, pair.target) == pytest.approx(factor)
+
+
+@pytest.mark.parametrize("ratio", [33.0, 1 / 33.0, 1e12])
+def test_sizes_that_no_two_units_have_are_refused_with_their_ratio(pair, ratio):
+    own = size_ratio(pair.source, pair.target)
+    other = placed(homogeneous(np.eye(3) * own / ratio, np.zeros(3)), pair.source)
+    words = "1e+12 times larger" if ratio > 1e3 else "33 times larger" if ratio > 1 else "33 times smaller"
+    for fix in (False, True):
+        with pytest.raises(FemorsError, match=re.escape(f"the target is {words}") + ".*: scale one of them"):
+            align(other, pair.target, "none", fix_units=fix)
+
+
+@pytest.mark.parametrize("times", [1e3, 1e6, 1e9])
+def test_a_part_in_another_unit_is_told(pair, times):
+    piece, _ = cut(pair.source, -99, 150)
+    other = placed(homogeneous(np.eye(3) / times, np.zeros(3)), piece)
+    assert unit_factor(other, pair.target, "source") == times
+    assert unit_factor(pair.target, other, "target") == 1.0 / times
 
 
 # --- parts --------------------------------------------------------------------------------------

@@ -84,6 +84,33 @@ def test_the_parts_of_a_deck_are_bodies_and_come_back_as_one_deck(folder, capsys
     assert "no overclosure among 2 bodies" in capsys.readouterr().out
 
 
+def test_the_name_of_a_deck_means_all_of_its_parts(folder, capsys):
+    """Excluded from another body, from itself, or all rigid."""
+    deck, report = folder / "plates.inp", folder / "r.json"
+    low = deckfiles.read_deck(deck)
+    mesh, _ = low.submesh(low.parts["LOW"])
+    across, _ = mesh.surface()
+    meshfiles.write(folder / "wall.stl", MeshFile.of(across.moved(across.vertices[:, [2, 1, 0]])))
+    check = "--check", deck, folder / "wall.stl", "--report", report
+
+    def pairs() -> set[tuple[str, str]]:
+        return {(pair["one"], pair["two"]) for pair in json.loads(report.read_text())["pairs"]}
+
+    run(*check)
+    inside = ("plates:LOW", "plates:HIGH")
+    assert pairs() == {inside, ("plates:LOW", "wall"), ("plates:HIGH", "wall")}
+    run(*check, "--exclude", "plates,wall")
+    assert pairs() == {inside}
+    run(*check, "--exclude", "plates,plates")
+    assert pairs() == {("plates:LOW", "wall"), ("plates:HIGH", "wall")}
+    run(*check, "--pair-gap", "wall,plates=0.125")
+    gaps = {pair["gap"] for pair in json.loads(report.read_text())["pairs"] if "wall" in pair.values()}
+    assert gaps == {0.125}
+    capsys.readouterr()
+    assert run(deck, "--rigid", "plates", "-o", folder / "out") == 2
+    assert "every body is rigid" in capsys.readouterr().err
+
+
 def test_shares_and_exclusions(folder, capsys):
     report = folder / "r.json"
     files = folder / "one.stl", folder / "two.stl"

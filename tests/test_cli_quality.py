@@ -58,6 +58,15 @@ def test_notes_name_the_file(bones, capsys):
     ]
 
 
+def test_a_mesh_in_metres_beside_one_in_millimetres_is_asked_about(bones, capsys):
+    small = meshfiles.read(bones / "b.stl")
+    meshfiles.write(bones / "metres.stl", small.with_vertices(small.vertices / 1000.0))
+    for one, two, kind in (("b.stl", "metres.stl", "smaller"), ("metres.stl", "b.stl", "larger")):
+        code, _, err = run(capsys, "quality", bones / one, bones / two)
+        words = f"is 1000 times {kind} than the mesh: are both in one unit of length?"
+        assert code == 0 and err == f"femors: note: {bones / two}: {words}\n"
+
+
 def test_a_page_of_a_mesh_and_of_a_morph(bones, capsys):
     page = bones / "q.html"
     assert run(capsys, "quality", bones / "a.obj", "--report", page, "--quiet")[0] == 0

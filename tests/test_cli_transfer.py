@@ -12,6 +12,7 @@ from commands import run
 from fieldcases import BONE, CARRIER, TARGET, field, site, slab
 
 from femors_addon import deckfiles, keptfield, landmarkfiles, meshfiles, shapes
+from femors_addon.mesh import Surface
 from femors_addon.meshfiles import MeshFile
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.transfer import Transfer
@@ -194,14 +195,28 @@ def test_a_mesh_in_another_unit_is_written_and_told(files, capsys):
         assert (files / "out" / "odd.ply").exists()
 
 
-def test_a_mesh_of_quite_another_size_is_told_with_its_size(files, capsys):
+@pytest.mark.parametrize("factor", [1e-1, 1e-2, 1e-3, 1e-6])
+def test_a_part_in_another_unit_is_told_whatever_its_size(files, capsys, factor):
+    """Such as the site of a ligament in metres beside a bone in millimetres, even with the origin on it."""
+    for radius in (0.004, 0.01, 0.02):
+        site = shapes.sphere(2, radius=radius * BONE.diagonal)
+        site = factor * (site.vertices + BONE.vertices[10]), site.faces
+        meshfiles.write(files / "site.ply", MeshFile.of(Surface(*site)))
+        code, _, err = run(capsys, "transfer", files / "f.npz", files / "site.ply", "-o", files / "out")
+        assert code == 1 and "smaller than the source" in err, err
+        assert f"differ by {1 / factor:g})" in err and err.count("\n") == 1, err
+
+
+def test_a_mesh_that_is_far_too_large_is_in_another_unit(files, capsys):
     meshfiles.write(files / "odd.ply", MeshFile.of(BONE.moved(50.0 * BONE.vertices)))
     code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.ply", "-o", files / "out")
-    assert code == 0 or "out of its reach" in err, err
-    assert "is 50 times larger than the source of the field" in err and "unit" not in err, err
+    assert code == 1 and "is 50 times larger than the source of the field" in err and "unit" in err, err
+
+
+def test_a_small_mesh_apart_from_the_bone_in_any_unit_is_told_with_its_size(files, capsys):
     small = shapes.sphere(1, radius=BONE.diagonal / 160.0)
     meshfiles.write(files / "odd.ply", MeshFile.of(small.moved(small.vertices + BONE.bounds[1])))
-    code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.ply", "-o", files / "out")
+    err = run(capsys, "transfer", files / "f.npz", files / "odd.ply", "-o", files / "out")[2]
     assert "times smaller than the source" in err and "unit" not in err, err
 
 

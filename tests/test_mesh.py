@@ -177,9 +177,18 @@ def test_a_soup_is_put_together_in_order_of_appearance():
     assert_maps_hold(loose, result)
     first = np.unique(result.vertex_map, return_index=True)[1]
     assert (np.diff(first) > 0).all()
-    assert result.notes == (
-        f"tibia: {len(ball.vertices)} vertices stood twice or more and were merged for the maths",
-    )
+    assert result.notes == (), "an STL file is never otherwise"
+
+
+def test_vertices_that_stand_twice_beside_shared_ones_are_told():
+    ball = sphere(2)
+    vertices = np.concatenate((ball.vertices, ball.vertices[ball.faces[:2].ravel()]))
+    faces = ball.faces.copy()
+    faces[:2] = len(ball.vertices) + np.arange(6).reshape(2, 3)
+    result = cleaned(Surface(vertices, faces), "tibia")
+    assert_closed_and_alike(result.surface)
+    count = len(np.unique(ball.faces[:2]))
+    assert result.notes == (f"tibia: {count} vertices stood twice or more and were merged for the maths",)
 
 
 def test_a_soup_of_rounded_numbers_is_put_together():

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from solids import box, hexes, moved, sphere
@@ -154,12 +156,13 @@ def test_metres_beside_millimetres_are_told():
     assert any("unit of length" in note for note in remove_overclosure(bodies).notes)
 
 
-def test_a_body_that_is_merely_far_smaller_is_told_by_its_size_alone():
-    bodies = [Body("bone", sphere(2, 500.0)), Body("bead", sphere(2, 1.0, (600.0, 0.0, 0.0)))]
+def test_a_part_in_metres_beside_millimetres_is_asked_about():
+    """Of any ratio of sizes: one body is not as large as the other in one unit either."""
+    bodies = [Body("bone", sphere(2, 0.03)), Body("cartilage", sphere(2, 14.0, (600.0, 0.0, 0.0)))]
     told: list[str] = []
     check_overclosure(bodies, tell=told.append)
-    assert "'bone' is 500 times as large as 'bead'" in told
-    assert not any("unit" in note for note in told)
+    words = "'cartilage' is 467 times as large as 'bone': are all bodies in one unit of length?"
+    assert words in told
 
 
 def test_cancelling_ends_at_once():
@@ -275,12 +278,25 @@ def test_a_body_that_is_changed_by_more_than_half_is_told():
     result = remove_overclosure(pair((6.0, 0.5, 0.0), one=0.0))
     one, two = result.bodies
     assert two.xor > 0.5
-    assert f"two: the removal changed {two.xor:.0%} {words}" in result.notes
+    assert f"two: what the removal took away and added is {two.xor:.0%} {words}" in result.notes
     assert result.report()["warnings"] == list(result.notes)
     assert not any(note.startswith("one:") for note in result.notes) and one.xor == 0
     result = remove_overclosure(pair())
     assert max(body.xor for body in result.bodies) < 0.5
     assert not any(words in note for note in result.notes)
+
+
+def test_a_gap_in_another_unit_is_refused_where_it_would_move_a_body():
+    metres = [Body(body.name, body.mesh.moved(body.mesh.vertices / 1000.0)) for body in pair()]
+    words = "the gap, 0.01, is 29% of the size of 'one': give it in the unit of the coordinates"
+    with pytest.raises(FemorsError, match=re.escape(words)):
+        remove_overclosure(metres)
+    with pytest.raises(FemorsError, match="the gap, 20, is 58% of"):
+        remove_overclosure(pair(), gaps={("one", "two"): 20.0})
+    assert remove_overclosure(metres, OverclosureSettings(gap=1e-5)).certified
+    apart = [metres[0], Body("two", metres[0].mesh.moved(metres[0].mesh.vertices + (0.2, 0.0, 0.0)))]
+    assert remove_overclosure(apart).certified, "nothing is moved"
+    assert remove_overclosure(metres, exclude=[("one", "two")]).certified
 
 
 def test_after_a_wide_gap_the_pair_is_still_listed():
