@@ -29,7 +29,7 @@ from .relax import averaging
 BACK = (1, 2, 3, 4, 5, 6, 8)  # edges around a bad face that step back
 ROUNDS = 8  # of averaging, per edge of the patch's width
 TIMES = 12  # that a way is chosen: where bones have nothing in common each takes away a little, and long
-MANY, GAIN = 200, 0.1  # faces, and share of them: where so many are bad and fewer got well, it is given up
+MANY, GAIN = 500, 0.1  # faces, and share of them: where so many are bad and fewer got well, it is given up
 TURNS = (0.3, 1.5)  # heights that a face on its back is given when it is turned over, beside its own
 APPROACHES, HOLDS = 6, 5  # half-way steps back to the target, and times that nodes of each may be held
 
