@@ -200,7 +200,7 @@ COMMANDS = (
     Command(
         name="overclosure",
         usage="BODY... -o OUTDIR [options]",
-        help="Push bodies that overlap apart to a least gap, or only check them.",
+        help="Push bodies that overlap apart, nodes to a least gap, or only check them.",
         options=cli_overclosure.options,
         run=lambda args, console: cli_overclosure.run(args, console, version()),
         exit_codes=cli_overclosure.EXIT_CODES,

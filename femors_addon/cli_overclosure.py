@@ -24,8 +24,9 @@ from .report_overclosure import overclosure_figures
 DONE, IMPERFECT = 0, 1
 
 EXIT_CODES = """exit codes:
-  0    certified: nothing crosses, every gap holds, no element was inverted, or there was
-       nothing to do; with --check: nothing overlaps and every gap holds
+  0    certified: nothing crosses, every node keeps the gap to the surfaces of the other bodies
+       (edges may be nearer each other), no element was inverted, or there was nothing to do;
+       with --check: nothing overlaps and every node keeps the gap
   1    not reached: the best state is written, the reason is on stderr; with --check: bodies
        overlap or are too near
   2    bad input or usage: one line on stderr, nothing is written

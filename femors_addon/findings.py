@@ -8,6 +8,7 @@ from typing import Any
 
 from .progress import counted
 
+ROUNDING = 1e-3  # of a distance: a smaller difference is not worth a word
 CLEAR, NEAR, OVERLAP, CONTAINED = "clear", "too near", "overlap", "contained"
 
 
@@ -20,7 +21,8 @@ class Finding:
     one, two : str
         Names of the bodies.
     gap : float
-        Least distance asked for, in the unit of the coordinates.
+        Least distance asked for of the nodes of one to the surface of the other, in the unit of the
+        coordinates.
     least : float
         Smallest signed distance of a node of one to the surface of the other; negative inside.
     over : tuple of int
@@ -35,6 +37,8 @@ class Finding:
         Volume that both take up; None where it could not be computed.
     state : str
         "clear", "too near", "overlap" or "contained".
+    surfaces_apart : float or None
+        Least distance of the two surfaces, also between edges: `least`, or less; None unless clear.
     """
 
     one: str
@@ -47,6 +51,7 @@ class Finding:
     where: tuple[float, float, float]
     shared: float | None
     state: str
+    surfaces_apart: float | None = None
 
     @property
     def names(self) -> tuple[str, str]:
@@ -59,8 +64,13 @@ class Finding:
         return max(0.0, -self.least)
 
     @property
+    def edges_nearer(self) -> bool:
+        """Whether edges are known to be nearer each other than any node is to the other surface."""
+        return self.surfaces_apart is not None and self.surfaces_apart < (1.0 - ROUNDING) * self.least
+
+    @property
     def clear(self) -> bool:
-        """Whether nothing crosses, nothing is contained, and the gap holds."""
+        """Whether nothing crosses, nothing is contained, and every node keeps the gap."""
         return self.state == CLEAR
 
     def as_dict(self) -> dict[str, Any]:
@@ -69,7 +79,8 @@ class Finding:
 
     def __str__(self) -> str:
         if self.state == CLEAR:
-            return f"{self.one} - {self.two}: clear, {self.least:.4g} apart"
+            edges = f" at nodes, {self.surfaces_apart:.4g} between edges" if self.edges_nearer else ""
+            return f"{self.one} - {self.two}: clear, {self.least:.4g} apart{edges}"
         words = [f"{counted(self.over[0] + self.over[1], 'node')} closer than {self.gap:g}"]
         if self.depth > 0:
             words.insert(0, f"{self.depth:.4g} deep")

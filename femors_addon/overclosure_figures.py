@@ -98,6 +98,10 @@ class BodyResult:
                 ("scaled_jacobian", self.elements),
             )
         }
+        elements = pairs["scaled_jacobian"]
+        if elements is not None:  # these figures leave out what was inverted on input, which still is
+            elements["before"]["inverted"] = len(self.inverted_input)
+            elements["after"]["inverted"] = len(self.inverted_input) + len(self.inverted_new)
         return {
             "name": self.name,
             "share": self.share,

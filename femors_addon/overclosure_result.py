@@ -90,7 +90,10 @@ class OverclosureResult:
         least = min((finding.least for finding in self.after), default=None)
         gap = "no two bodies are near each other"
         if least is not None:
-            gap = f"the smallest gap is {least if least > 1e-12 else 0.0:.5g}"
+            gap = f"the smallest gap of a node to a surface is {least if least > 1e-12 else 0.0:.5g}"
+        nearer = [finding.surfaces_apart or 0.0 for finding in self.after if finding.edges_nearer]
+        if nearer:
+            gap += f", of two edges {min(nearer):.3g}"
         further = "further " if any(len(body.inverted_input) for body in self.bodies) else ""
         words = f"CERTIFIED: nothing crosses, nothing is contained, no {further}element was inverted; {gap}"
         return words if not self.untouched else f"{words}; nothing had to be moved"

@@ -15,7 +15,8 @@ from . import triples
 from .booleans import shared_volume
 from .crew import together
 from .cutouts import Region
-from .distances import Distances, Target, distances
+from .distances import Target, distances
+from .edge_gaps import least_between
 from .findings import CLEAR, CONTAINED, NEAR, OVERLAP, Finding
 from .intersect import crossings, piercings
 from .mesh import Float, Int, Surface, edge_matrix
@@ -46,6 +47,8 @@ class _Side:
         Whether so many of these would leave by the wrong side that a piece may lie in the other whole.
     near : Surface
         The faces that may cross the other's.
+    apart : (n,) float64
+        See `distances`.
     bound : (n,) float64
         See `distances`.
     """
@@ -56,19 +59,20 @@ class _Side:
     inside: NDArray[np.bool_]
     swallowed: bool
     near: Surface
+    apart: Float
     bound: Float
 
     @classmethod
     def of(cls, body: Target, other: Target, reach: float, slack: float) -> _Side:
         """Measure a body's vertices within `reach` of another."""
         found = distances(body.surface, other, reach)
-        near = _close(body.surface, found, slack, body.longest)
+        near = _close(body.surface, found.apart, slack, body.longest)
         rows, distance = found.rows, found.signed - slack
         inside: NDArray[np.bool_] = np.zeros(len(body.surface.vertices), dtype=bool)
         inside[rows[distance < 0]] = True
         # a ball whose socket has closed in on it comes free by its own side: that is no body in a body
         swallowed = bool(inside.any() and found.wrong[distance < 0].mean() > SWALLOWED)
-        return cls(body, rows, distance, inside, swallowed, near, found.bound)
+        return cls(body, rows, distance, inside, swallowed, near, found.apart, found.bound)
 
     @property
     def least(self) -> float:
@@ -112,6 +116,10 @@ def measure(
         state = OVERLAP
     elif sum(over):
         state = NEAR
+    apart = None
+    if state == CLEAR:
+        close = (_close(s.body.surface, s.apart, max(least, slack), s.body.longest) for s in sides)
+        apart = least_between(*close, max(least, 0.0))
     shared = 0.0 if state in (CLEAR, NEAR) else None
     if shared is None and volumes:
         shared = shared_volume(a, b, _box(sides, cross))
@@ -126,6 +134,7 @@ def measure(
         where=(float(where[0]), float(where[1]), float(where[2])),
         shared=shared,
         state=state,
+        surfaces_apart=apart,
     )
 
 
@@ -169,10 +178,13 @@ def _box(sides: Sequence[_Side], cross: Int) -> tuple[Float, Float]:
     return triples.box(np.concatenate(places))
 
 
-def _close(surface: Surface, found: Distances, slack: float, longest: float) -> Surface:
-    """The faces that may cross the other surface: all their corners are within a side's length of it."""
+def _close(surface: Surface, apart: Float, slack: float, longest: float) -> Surface:
+    """The faces that may cross the other surface: all their corners are within a side's length of it.
+
+    With a larger slack, those that may come so near it.
+    """
     faces = surface.faces
-    farthest = triples.greatest(found.apart[faces]) - slack
+    farthest = triples.greatest(apart[faces]) - slack
     chosen = np.flatnonzero(farthest <= longest)
     sides = np.sqrt(triples.longest_squared(surface.vertices.take(faces[chosen], axis=0)))
     return Region.cut(surface, chosen[farthest[chosen] <= sides * (1.0 + 1e-9) + slack]).surface

@@ -101,7 +101,8 @@ def compared(before: Mapping[str, Any], after: Mapping[str, Any]) -> Table:
         for key in before
         if key in after and (_is_stat(before[key]) or not isinstance(before[key], (Mapping, list)))
     )
-    return Table((STATISTICS, "before", "after"), rows)
+    stats = any(_is_stat(before[key]) for key in before if key in after)
+    return Table((STATISTICS if stats else "", "before", "after"), rows)
 
 
 def flat(report: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -29,6 +29,7 @@ from .relax import averaging
 BACK = (1, 2, 3, 4, 5, 6, 8)  # edges around a bad face that step back
 ROUNDS = 8  # of averaging, per edge of the patch's width
 TIMES = 12  # that a way is chosen: where bones have nothing in common each takes away a little, and long
+MANY, GAIN = 500, 0.1  # faces, and share of them: where so many are bad and fewer got well, it is given up
 TURNS = (0.3, 1.5)  # heights that a face on its back is given when it is turned over, beside its own
 APPROACHES, HOLDS = 6, 5  # half-way steps back to the target, and times that nodes of each may be held
 
@@ -38,25 +39,36 @@ def step_back(
 ) -> State:
     """Mend what is bad in a part at the cost of the fit.
 
-    All the ways that there are (`_ways`) are tried, until nothing is bad or no way helps; then nodes return
-    towards the target as far as no face gets worse. Nothing goes farther than `judge.part.far` from where
-    it was, which would be another fault.
+    All the ways that there are (`_ways`) are tried, until nothing is bad or no way helps, or they help little
+    (`hopeless`); then nodes return towards the target as far as no face gets worse. Nothing goes farther than
+    `judge.part.far` from where it was, which would be another fault.
     """
     state, mean = begun, averaging(judge.aligned)
     tried: dict[int, Float] = {}  # where nodes were when patches of so many edges were last tried
     for _ in range(TIMES):
         before = state
         for rings in BACK:
+            last = state
             places = _Places.around(judge, state, rings, tried.get(rings))
             tried[rings] = state.positions
             if len(places.at):
                 state = _best(judge, begun, state, places, mean, progress)
-        if state is before:
+            if state is last and len(state.worst) > MANY:  # wider patches cost more, and help less
+                break
+        if state is before or hopeless(before, state):
             break
     nodes = np.flatnonzero(triples.some(state.positions != begun.positions))
     nearer = _approached(judge, state, nodes, target, settings, progress)
     far = triples.length(nearer.positions - begun.positions).max(initial=0.0) > judge.part.far
     return state if far else nearer
+
+
+def hopeless(before: State, after: State) -> bool:
+    """Whether a great many faces are still bad, and hardly any of them got well.
+
+    Surfaces that have nothing in common, or that cross themselves all over, could be mended for minutes.
+    """
+    return len(after.worst) > max(MANY, (1.0 - GAIN) * len(before.worst))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

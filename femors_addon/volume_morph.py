@@ -79,8 +79,8 @@ class VolumeMorphResult:
         return {
             **self.surface.report(),
             "volume": {
-                "before": self.before.as_dict(),
-                "after": self.after.as_dict(),
+                "before": {**self.before.as_dict(), "inverted": len(self.inverted_input)},
+                "after": {**self.after.as_dict(), "inverted": self.inverted},
                 "volume_change": self.volume_change,
                 "inverted_on_input": self.inverted_input.tolist(),
                 "newly_inverted": self.inverted_new.tolist(),
@@ -89,6 +89,11 @@ class VolumeMorphResult:
             },
             "cpu_seconds": round(self.seconds, 3),
         }
+
+    @property
+    def inverted(self) -> int:
+        """How many elements are inverted: those that were on input, which `before` and `after` leave out."""
+        return len(self.inverted_input) + len(self.inverted_new)
 
     @property
     def volume_change(self) -> float:
@@ -103,7 +108,7 @@ class VolumeMorphResult:
             f"{'scaled Jacobian':28}{_jacobian(self.before):36}{_jacobian(self.after)}",
             f"{'volume':28}{self.before.volume:<36.6g}{self.after.volume:.6g} ({self.volume_change:+.1%})",
             f"{'inverted elements':28}{len(self.inverted_input):<36}"
-            f"{len(self.inverted_input) + len(self.inverted_new)}",
+            f"{self.inverted}",
         ]
         if len(self.held):
             lines.append(

@@ -22,7 +22,7 @@ ROUNDING = 1e-5
 """Of an object's size: differences below this are not spread over all colours."""
 
 CHOICES = (
-    ("surface_distance", "Distance to Target", "From each vertex to the surface it was morphed onto"),
+    ("surface_distance", "Distance to Target", "From each vertex to the surface it was laid on: mostly 0"),
     ("displacement", "Displacement", "How far each vertex was moved, after the alignment"),
     ("gap", "Gap", "Signed distance to the other mesh: negative where the two overlap"),
     ("aspect", "Aspect Ratio", "Longest side of a face over its shortest: 1 is best"),
@@ -48,7 +48,11 @@ class FEMORS_PG_heat(bpy.types.PropertyGroup):
         description="Another mesh, for distances and the volume in which the two differ; may be empty",
     )
     quantity: bpy.props.EnumProperty(
-        name="Quantity", description="What the colours show", items=CHOICES, update=heat_form.changed
+        name="Quantity",
+        description="What the colours show",
+        items=CHOICES,
+        default="displacement",  # distances from what vertices were laid on would show next to nothing
+        update=heat_form.changed,
     )
     automatic: bpy.props.BoolProperty(
         name="Automatic Range",
@@ -80,7 +84,7 @@ def meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def shown(item: bpy.types.Object | None) -> dict[str, Any] | None:
-    """Return what an object shows as a heat map: quantity, low, high, map; None for nothing."""
+    """Return what an object shows as a heat map: quantity, low, high, least, most, map; None for nothing."""
     if item is None or item.type != "MESH" or COLOURS not in item.data.color_attributes:
         return None
     note = item.data.get(COLOURS)
@@ -109,7 +113,8 @@ def paint(item: bpy.types.Object, key: str, values: Array, low: float, high: flo
         layer = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", domain)
     layer.data.foreach_set("color", colours.ravel())
     mesh.color_attributes.active_color = layer
-    mesh[COLOURS] = {"quantity": key, "low": float(low), "high": float(high), "map": name}
+    note = {"low": low, "high": high, "least": np.nanmin(values), "most": np.nanmax(values)}
+    mesh[COLOURS] = {"quantity": key, **{end: float(value) for end, value in note.items()}, "map": name}
     mesh.update()
 
 

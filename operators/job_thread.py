@@ -17,6 +17,9 @@ from . import dependencies, preview
 TICK = 0.1
 """Seconds between two looks at a running job."""
 
+STEP, SLOW, STILL = 0.05, 3.0, 3.0
+"""A share of a job, times what it took so far, and seconds: one that takes more gives the lie to the pace."""
+
 Compute = Callable[[Progress], Any]
 CORE = __package__.rpartition(".")[0] + ".femors_addon"
 
@@ -42,6 +45,7 @@ class Job:
         self.fraction = 0.0
         self.text = "Starting"
         self.started = time.monotonic()
+        self._mark = (self.started, 0.0)  # when the last `STEP` was done, and what had been done by then
         self.result: Any = None
         self.error: BaseException | None = None
         self._timer: bpy.types.Timer | None = None
@@ -58,6 +62,8 @@ class Job:
         if self._cancel.is_set():
             raise Cancelled
         self.fraction, self.text = min(max(float(fraction), 0.0), 1.0), text
+        if self.fraction >= self._mark[1] + STEP:
+            self._mark = (time.monotonic(), self.fraction)
 
     def start(self, context: bpy.types.Context) -> None:
         """Start the thread, and the timer that lets the operator look at it."""
@@ -93,9 +99,15 @@ class Job:
 
     @property
     def seconds_left(self) -> float | None:
-        """How long it will take from here, judged by its pace; None as long as that says nothing."""
-        gone = time.monotonic() - self.started
-        if gone < 2.0 or self.fraction < 0.05:
+        """How long it will take from here, judged by its pace; None where that says nothing.
+
+        So it is at the start, and where it has long stood nearly still for its pace.
+        """
+        now = time.monotonic()
+        gone = now - self.started
+        if gone < 2.0 or self.fraction < STEP:
+            return None
+        if now - self._mark[0] > max(STILL, SLOW * STEP * gone / self.fraction):
             return None
         return gone * (1.0 - self.fraction) / self.fraction
 

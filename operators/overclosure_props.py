@@ -62,7 +62,7 @@ class FEMORS_PG_pair(bpy.types.PropertyGroup):
     one: bpy.props.StringProperty(name="One", description="Name of the first body")
     two: bpy.props.StringProperty(name="Two", description="Name of the second body")
     least: bpy.props.FloatProperty(
-        name="Gap", description="Smallest signed distance between the two; negative inside"
+        name="Gap", description="Smallest signed distance of a node of one to the other's surface; negative inside"
     )
     depth: bpy.props.FloatProperty(
         name="Depth", description="How deep the deepest node of one is inside the other"
@@ -86,7 +86,7 @@ class FEMORS_PG_pair(bpy.types.PropertyGroup):
     )
     gap: bpy.props.FloatProperty(
         name="Gap",
-        description="Least distance between these two bodies afterwards",
+        description="Least distance of the nodes of each of these two to the other's surface afterwards",
         min=0.0,
         precision=3,
         options=set(FORM),

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Folded, crossing and squeezed faces: their nodes are spread out anew, on the target, and no others."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -303,6 +305,38 @@ def test_what_did_not_help_is_not_tried_again_where_nothing_has_moved(ball, monk
     widths = [rings for rings, _ in tried]
     assert set(widths) == set(stepback.BACK)
     assert widths.count(max(stepback.BACK)) == 1, tried
+
+
+@pytest.mark.parametrize(("many", "rounds", "widths"), [(0, 1, 2), (10**6, stepback.TIMES, 7)])
+def test_where_a_great_many_faces_stay_bad_it_is_given_up(ball, monkeypatch, many, rounds, widths):
+    """Narrow patches make one face in a hundred well each time, and wide ones none."""
+    rng = np.random.default_rng(3)
+    judge, begun = _judged(ball, ball.vertices + 0.2 * rng.normal(size=ball.vertices.shape))
+    tried = []
+
+    def little(judge, begun, state, places, mean, progress):
+        tried.append(places.rings)
+        if places.rings > stepback.BACK[0]:
+            return state
+        bad = state.bad.copy()
+        bad[state.worst[: len(state.worst) // 100 + 1]] = 0.0
+        return dataclasses.replace(state, bad=bad)
+
+    monkeypatch.setattr(stepback, "MANY", many)
+    monkeypatch.setattr(stepback, "_best", little)
+    monkeypatch.setattr(stepback, "_approached", lambda judge, state, *rest: state)
+    monkeypatch.setattr(stepback._Places, "around", lambda judge, state, rings, tried: _Stub(state, rings))
+    after = step_back(judge, begun, SurfaceIndex(ball), MorphSettings())
+    assert len(begun.worst) > 300 and 0 < len(after.worst) < len(begun.worst)
+    assert tried.count(stepback.BACK[0]) == rounds
+    assert len(tried) == rounds * widths
+
+
+class _Stub:
+    """Places of which only the width is asked."""
+
+    def __init__(self, state, rings):
+        self.at, self.rings = state.worst, rings
 
 
 def test_as_the_last_resort_nodes_go_farther(ball, monkeypatch):

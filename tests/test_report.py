@@ -138,6 +138,14 @@ def test_any_report_becomes_tables():
     assert not Page(page).open
 
 
+def test_a_table_says_what_statistics_are_only_where_it_has_some():
+    stat = {"median": 1.0, "p01": 0.0, "p99": 2.0, "maximum": 3.0}
+    plain = {"volume": 2.0, "inverted": 1}
+    assert report_tables.compared(plain, plain).head == ("", "before", "after")
+    mixed = {**plain, "gap": stat}
+    assert report_tables.compared(mixed, mixed).head == (report_tables.STATISTICS, "before", "after")
+
+
 def test_a_removals_convergence_has_plots_of_its_own():
     """Lengths and counts are not on one axis, the iteration is no curve, and each curve has its key."""
     counts_of = (0, 0, 40, 10, 0, 0)  # not counted yet in the first two

@@ -96,6 +96,11 @@ def test_elements_inverted_on_input_are_left_alone_and_named():
     result = morph_volume(broken, Surface(warp(nodes)[at], surface.faces))
     assert np.array_equal(result.inverted_input, broken.element_ids[bad])
     assert not len(result.inverted_new)
+    told = result.report()["volume"]
+    assert told["before"]["inverted"] == told["after"]["inverted"] == bad.sum()  # as the summary has it
+    assert ["inverted", "elements", str(bad.sum()), str(bad.sum())] in [
+        line.split() for line in result.summary().splitlines()
+    ]
 
 
 def test_reshaping_lifts_the_worst_element():

@@ -50,10 +50,21 @@ def words(context: bpy.types.Context) -> tuple[list[str], list[str], dict[str, A
 
     quantity = QUANTITIES[note["quantity"]]
     factor, unit = length_unit(context.scene.unit_settings) if quantity.unit == "length" else (1.0, "")
-    levels = [note["low"] + (note["high"] - note["low"]) * i / (TICKS - 1) for i in range(TICKS)]
     title = f"{quantity.label} ({unit})" if unit else quantity.label
     lines = [title, item.name if len(item.name) < 28 else item.name[:26] + "..."]
-    return lines, [number(factor * level) for level in levels], note
+    return lines, labels(note, factor), note
+
+
+def labels(note: dict[str, Any], factor: float = 1.0) -> list[str]:
+    """Return what stands beside the bar from low to high; at its ends also how far values go beyond."""
+    low, high = note["low"], note["high"]
+    out = [number(factor * (low + (high - low) * i / (TICKS - 1))) for i in range(TICKS)]
+    for end, beyond, words in ((0, "least", "down to"), (-1, "most", "up to")):
+        value = note.get(beyond, note["low" if end == 0 else "high"])  # a map of an older file
+        told = number(factor * value)
+        if told != out[end] and not low <= value <= high:
+            out[end] = f"{out[end]}, {words} {told}"
+    return out
 
 
 def _draw() -> None:

@@ -19,7 +19,7 @@ def draw_removal(layout: bpy.types.UILayout, context: bpy.types.Context, report:
         draw_sentence(verdict, context, warning, "ERROR")
     after = {(pair["one"], pair["two"]): pair for pair in report["pairs"]["after"]}
     column = layout.column(align=True)
-    draw_row(column, f"Gap ({unit})", "before", "after")
+    draw_row(column, f"Gap of nodes ({unit})", "before", "after")
     box = column.box().column(align=True)
     for pair in report["pairs"]["before"]:
         now = after.pop((pair["one"], pair["two"]), None)
@@ -37,6 +37,7 @@ def draw_removal(layout: bpy.types.UILayout, context: bpy.types.Context, report:
     for title, count in (
         ("Crossing triangles", lambda pairs: str(sum(pair["crossings"] for pair in pairs))),
         ("Nodes too near", lambda pairs: str(sum(sum(pair["over"]) for pair in pairs))),
+        ("Surfaces apart", lambda pairs: _apart(pairs, factor)),
         ("Shared volume", lambda pairs: _volume(pairs, factor)),
     ):
         draw_row(box, title, count(before), count(now))
@@ -62,6 +63,12 @@ def draw_body(layout: bpy.types.UILayout, factor: float, body: dict[str, Any]) -
         draw_row(box, "    Jacobian, min", *figures)
         new = len(body["newly_inverted"])
         draw_row(box, "    Newly inverted", "", str(new), alert=new > 0)
+
+
+def _apart(pairs: list[dict[str, Any]], factor: float) -> str:
+    """Return the least distance of two surfaces, between edges too, which may be less than that of nodes."""
+    found = [pair.get("surfaces_apart") for pair in pairs]
+    return "-" if None in found or not found else number(factor * min(found))
 
 
 def _volume(pairs: list[dict[str, Any]], factor: float) -> str:

@@ -177,3 +177,26 @@ def test_a_colour_map_from_a_file_is_still_there_and_goes(pair, tmp_path):
     assert item.data["femors_heat"]["quantity"] == "skewness"
     assert bpy.ops.femors.hide_heat() == {"FINISHED"}
     assert "femors_heat" not in item.data.color_attributes
+
+
+def test_the_legend_says_how_far_values_go_beyond_its_ends(pair, part):
+    item = pair[0]
+    select(item)
+    heat, legend, number = part("operators.heat"), part("ui.legend"), part("ui.figures").number
+    values = heat.values_of(item, "aspect")
+    form = bpy.context.scene.femors_heat
+    form.automatic, (form.low, form.high) = False, np.percentile(values, (30, 60)).tolist()
+    bpy.ops.femors.show_heat(quantity="aspect")
+    note = heat.shown(item)
+    assert (note["least"], note["most"]) == pytest.approx((values.min(), values.max()))
+    first, *_, last = legend.labels(note)
+    assert first == f"{number(form.low)}, down to {number(values.min())}"
+    assert last == f"{number(form.high)}, up to {number(values.max())}"
+    form.low, form.high = 0.0, 1e3
+    assert not any("to" in label for label in legend.labels(heat.shown(item)))
+
+
+def test_what_is_shown_first_is_no_distance_from_what_vertices_were_laid_on(pair):
+    bpy.ops.femors.morph(source="Femur", target="Scan")
+    bpy.ops.femors.show_heat()
+    assert bpy.context.object.data["femors_heat"]["quantity"] == "displacement"

@@ -285,6 +285,27 @@ def test_the_time_left_follows_the_pace(context, part, monkeypatch):
     assert module.time_left(job) == "a few seconds left"
 
 
+def test_no_time_is_told_where_a_job_stands_nearly_still(context, part, monkeypatch):
+    clock = SimpleNamespace(monotonic=lambda: clock.now, now=100.0)
+    monkeypatch.setattr(part("operators.job_thread"), "time", clock)
+    module = part("operators.job")
+    job = module.Job("Test", endless)
+
+    def told(now: float, fraction: float) -> str:
+        clock.now = 100.0 + now
+        job._progress(fraction, "")
+        return module.time_left(job)
+
+    assert told(4.0, 0.86) == told(6.5, 0.865) == "a few seconds left"
+    assert told(12.0, 0.87) == told(30.0, 0.88) == ""  # at its pace it would have been done long ago
+    assert told(31.0, 0.92) == "a few seconds left"
+    job = module.Job("Test", endless)  # a slow one may take its time for a step
+    clock.now = 100.0
+    job.started, job._mark = 100.0, (100.0, 0.0)
+    assert told(200.0, 0.5) == told(215.0, 0.52) != ""
+    assert told(200.0 + 100.0, 0.54) == ""
+
+
 def test_what_moves_is_watched_only_where_there_is_a_window(extension, part):
     import numpy as np
 
