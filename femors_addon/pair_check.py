@@ -118,8 +118,9 @@ def measure(
         state = NEAR
     apart = None
     if state == CLEAR:
-        close = (_close(s.body.surface, s.apart, max(least, slack), s.body.longest) for s in sides)
-        apart = least_between(*close, max(least, 0.0))
+        within = max(least, slack)
+        c, d = (_close(side.body.surface, side.apart, within, side.body.longest) for side in sides)
+        apart = least_between(c, d, max(least, 0.0))
     shared = 0.0 if state in (CLEAR, NEAR) else None
     if shared is None and volumes:
         shared = shared_volume(a, b, _box(sides, cross))

@@ -107,8 +107,7 @@ class VolumeMorphResult:
             table,
             f"{'scaled Jacobian':28}{_jacobian(self.before):36}{_jacobian(self.after)}",
             f"{'volume':28}{self.before.volume:<36.6g}{self.after.volume:.6g} ({self.volume_change:+.1%})",
-            f"{'inverted elements':28}{len(self.inverted_input):<36}"
-            f"{self.inverted}",
+            f"{'inverted elements':28}{len(self.inverted_input):<36}{self.inverted}",
         ]
         if len(self.held):
             lines.append(

@@ -62,7 +62,8 @@ class FEMORS_PG_pair(bpy.types.PropertyGroup):
     one: bpy.props.StringProperty(name="One", description="Name of the first body")
     two: bpy.props.StringProperty(name="Two", description="Name of the second body")
     least: bpy.props.FloatProperty(
-        name="Gap", description="Smallest signed distance of a node of one to the other's surface; negative inside"
+        name="Gap",
+        description="Smallest signed distance of a node of one to the other's surface; negative inside",
     )
     depth: bpy.props.FloatProperty(
         name="Depth", description="How deep the deepest node of one is inside the other"

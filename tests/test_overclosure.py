@@ -149,6 +149,9 @@ def test_an_element_inverted_on_input_is_left_and_told():
     assert len(result.bodies[0].inverted_input)
     assert not len(result.bodies[0].inverted_new)
     assert any("inverted before" in note for note in result.notes)
+    low = result.bodies[0].report()
+    counts = [low["scaled_jacobian"][state]["inverted"] for state in ("before", "after")]
+    assert counts == [len(low["inverted_on_input"])] * 2
 
 
 # --- several bodies -----------------------------------------------------------------------------------

@@ -303,7 +303,7 @@ def test_after_a_wide_gap_the_pair_is_still_listed():
     result = remove_overclosure(pair(), OverclosureSettings(gap=2.0))
     assert result.certified
     assert len(result.after) == 1
-    assert "the smallest gap is 2.0" in result.certificate
+    assert "the smallest gap of a node to a surface is 2.0" in result.certificate
 
 
 @pytest.mark.parametrize("cells", [2, 3, 4])
