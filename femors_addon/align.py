@@ -14,16 +14,14 @@ import numpy as np
 from .icp import Cloud, Fit, Registration, icp, matched
 from .limits import at_once
 from .mesh import Float, Surface
-from .poses import best_start, canonical_frame
+from .poses import best_start, canonical_frame, decided
 from .progress import Progress, silent
 from .transforms import inverse, landmark_transform, transformed
 from .units import unit_factor, unlike_sizes
 
 TOLERANCE = 1e-5  # of the target's size: ICP ends when no sample moves by more
 DOUBT = "the part fits the whole in several places about equally well: look at the pose, or give landmarks"
-DOUBT_WHOLE = (
-    "the source fits the target about equally well in quite different poses: look at the pose, or give landmarks"
-)
+DOUBT_WHOLE = "the source fits the target about equally well in quite different poses: look at the pose, or give landmarks"
 CHECK_STEPS = 40  # of ICP with all samples, before a mirror image is spoken of
 MIRROR_MARGIN = 0.85  # a mirrored fit must be better by this factor to be spoken of
 
@@ -147,9 +145,11 @@ def _choose_hand(
         lambda: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
     )
     words = DOUBT if work.partial != "none" else DOUBT_WHOLE
-    doubt = (words,) if plain.doubtful else ()
     if plain.misfit <= work.tolerance or other.misfit > MIRROR_MARGIN * plain.misfit:
-        return plain.matrix, doubt
+        plain = decided(work, plain, kind)
+        return plain.matrix, (words,) if plain.doubtful else ()
+    plain, other = at_once(lambda: decided(work, plain, kind), lambda: decided(work, other, kind))
+    doubt = (words,) if plain.doubtful else ()
     # the search ends with few samples, and one of the two may have stopped short
     one, two = icp(work, np.array([plain.matrix, other.matrix]), kind, CHECK_STEPS)
     if two.misfit > MIRROR_MARGIN * one.misfit:

@@ -40,6 +40,7 @@ class Start(NamedTuple):
     matrix: Float  # (4, 4) the source's transform
     misfit: float  # root mean square distance that it leaves
     doubtful: bool  # whether quite another pose fits about as well
+    close: tuple[Fit, ...] = ()  # of whole meshes: starts of all poses that do, if any, to be `decided`
 
 
 class Frame(NamedTuple):
@@ -91,7 +92,7 @@ def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Star
         tried = icp(scouts, _transforms(found[:kept]), "rigid", steps)
         found = sorted(tried, key=lambda fit: fit.misfit)
     if whole:
-        return _decided(rough, scouts, found, kind)
+        return _contenders(scouts, found, kind)
     doubtful = _rivalled(work, found)
     count = DOUBTFUL_STARTS if doubtful else FINAL_STARTS
     # where parts look alike only the details tell
@@ -99,12 +100,8 @@ def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Star
     return Start(*min(final, key=lambda fit: fit.misfit), doubtful)
 
 
-def _decided(work: Registration, scouts: Registration, found: list[Fit], kind: str) -> Start:
-    """Follow the best starts of whole meshes, best first, to the end, and decide between them.
-
-    Where quite different poses fit about equally well, all samples decide, and without a shear: it would
-    take up what tells the poses apart, and which one won was left to the order of the vertices.
-    """
+def _contenders(scouts: Registration, found: list[Fit], kind: str) -> Start:
+    """Follow the best starts of whole meshes, best first, to the end; with all that come about as close."""
     tried = icp(scouts, _transforms(found[:FINAL_STARTS]), kind, FINAL_STEPS)
     best = min(range(len(tried)), key=lambda i: tried[i].misfit)
     starts = [found[best]]
@@ -114,16 +111,26 @@ def _decided(work: Registration, scouts: Registration, found: list[Fit], kind: s
     if len(starts) == 1:
         return Start(*tried[best], False)
     ends = [tried[best], *icp(scouts, _transforms(starts[1:]), kind, FINAL_STEPS)]
-    enough = RIVAL * min(end.misfit for end in ends)
-    close = [i for i, end in enumerate(ends) if end.misfit <= enough]
-    if len(close) == 1:
-        return Start(*ends[close[0]], False)
+    least = min(ends, key=lambda fit: fit.misfit)
+    close = [fit for fit, end in zip(starts, ends, strict=True) if end.misfit <= RIVAL * least.misfit]
+    return Start(*least, False, tuple(close))
+
+
+def decided(work: Registration, start: Start, kind: str) -> Start:
+    """Decide between the poses of whole meshes that fit about equally well, where there are several.
+
+    All samples do it, and without a shear: it would take up what tells the poses apart, so that the
+    order of the vertices decided.
+    """
+    if len(start.close) < 2:
+        return start
+    rough = dataclasses.replace(work, tolerance=SLACK * work.tolerance)
     plainer = "rigid" if kind == "rigid" else "similarity"
-    fits = icp(work, _transforms([starts[i] for i in close]), plainer, FINAL_STEPS)
-    one = min(range(len(fits)), key=lambda i: fits[i].misfit)
-    rivals = [fit for fit in fits if fit.misfit < RIVAL * fits[one].misfit and _turn(fit, fits[one]) > TURNED]
-    doubtful = any(not _same_shape(work, fits[one].matrix, rival.matrix) for rival in rivals)
-    return Start(fits[one].matrix, ends[close[one]].misfit, doubtful)
+    fits = icp(rough, _transforms(list(start.close)), plainer, FINAL_STEPS)
+    best = min(fits, key=lambda fit: fit.misfit)
+    rivals = [fit for fit in fits if fit.misfit < RIVAL * best.misfit and _turn(fit, best) > TURNED]
+    doubtful = any(not _same_shape(work, best.matrix, rival.matrix) for rival in rivals)
+    return Start(best.matrix, start.misfit, doubtful)
 
 
 def _turn(one: Fit, two: Fit) -> float:
@@ -142,10 +149,10 @@ def _same_shape(work: Registration, one: Float, two: Float) -> bool:
 def _lies_on_itself(cloud: Cloud, turn: Float) -> bool:
     """Whether a shape, turned about its middle by a rotation with a scale, falls onto itself again."""
     turn = turn / np.cbrt(np.linalg.det(turn))
-    nodes = cloud.sample
+    scouts, nodes = cloud.thinned(SCOUTS), cloud.sample
     centre = nodes.mean(axis=0)
     start = homogeneous(turn, centre - turn @ centre)
-    (fit,) = icp(Registration(cloud, cloud, "none", 0.0), start[None], "rigid", SELF_STEPS)
+    (fit,) = icp(Registration(scouts, scouts, "none", 0.0), start[None], "rigid", SELF_STEPS)
     count = min(AROUND + 1, len(nodes))
     spacing = float(cKDTree(nodes).query(nodes, k=count)[0][:, 1:].mean())
     return fit.misfit < SAME * spacing
