@@ -14,13 +14,14 @@ import numpy as np
 from .icp import Cloud, Fit, Registration, icp, matched
 from .limits import at_once
 from .mesh import Float, Surface
-from .poses import best_start, canonical_frame
+from .poses import best_start, canonical_frame, decided
 from .progress import Progress, silent
 from .transforms import inverse, landmark_transform, transformed
 from .units import unit_factor, unlike_sizes
 
 TOLERANCE = 1e-5  # of the target's size: ICP ends when no sample moves by more
 DOUBT = "the part fits the whole in several places about equally well: look at the pose, or give landmarks"
+DOUBT_WHOLE = "the source fits the target about equally well in quite different poses: look at the pose, or give landmarks"
 CHECK_STEPS = 40  # of ICP with all samples, before a mirror image is spoken of
 MIRROR_MARGIN = 0.85  # a mirrored fit must be better by this factor to be spoken of
 
@@ -36,7 +37,7 @@ class Alignment:
     residual : float
         Root mean square distance between the aligned samples, in the target's unit.
     warnings : tuple of str
-        A unit mismatch, a mirrored pair.
+        A unit mismatch, a mirrored pair, a pose that is one of several.
     """
 
     matrix: Float
@@ -143,19 +144,24 @@ def _choose_hand(
         lambda _: best_start(work, own, kind, np.eye(4)),
         lambda _: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
     )
-    doubt = (DOUBT,) if plain.doubtful else ()
+    words = DOUBT if work.partial != "none" else DOUBT_WHOLE
     if plain.misfit <= work.tolerance or other.misfit > MIRROR_MARGIN * plain.misfit:
-        return plain.matrix, doubt
+        plain = decided(work, plain, kind)
+        return plain.matrix, (words,) if plain.doubtful else ()
+    plain, other = at_once(lambda: decided(work, plain, kind), lambda: decided(work, other, kind))
+    doubt = (words,) if plain.doubtful else ()
     # the search ends with few samples, and one of the two may have stopped short
     one, two = icp(work, np.array([plain.matrix, other.matrix]), kind, CHECK_STEPS)
     if two.misfit > MIRROR_MARGIN * one.misfit:
         return plain.matrix, doubt
     better = 100 * (1 - two.misfit / one.misfit)
-    words = f"the source's mirror image fits the target better by {better:.0f} % (left against right?)"
+    told = f"the source's mirror image fits the target better by {better:.0f} % (left against right?)"
     if fix:
-        doubt = (DOUBT,) if other.doubtful else ()
-        return other.matrix, (words + "; it was mirrored", *doubt)
-    return plain.matrix, (words + "; tick Mirror if better to use it", *doubt)
+        doubt = (words,) if other.doubtful else ()
+        return other.matrix, (told + "; it was mirrored", *doubt)
+    if work.partial == "none":  # the wrong hand fits nowhere well
+        doubt = ()
+    return plain.matrix, (told + "; tick Mirror if better to use it", *doubt)
 
 
 def _refined(work: Registration, first: Float, kind: str, progress: Progress) -> Fit:

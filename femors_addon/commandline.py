@@ -159,6 +159,7 @@ TICKS = {
     "set Overlap to Target is part": "pass --partial target",
     "set Overlap": "pass --partial source (or target)",
     "tick Mirror if better": "pass --fix-mirror",
+    "or give landmarks": "or pass --source-landmarks and --target-landmarks",
     "the limit in the preferences": "the limit of --memory",
     "go the other way (inverse)": "go the other way (pass --inverse)",
     "go the other way (without inverse)": "go the other way (leave out --inverse)",

@@ -9,22 +9,27 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from .icp import Fit, Registration, icp, matched
+from .icp import Cloud, Fit, Registration, icp, matched
 from .mesh import Float
-from .transforms import homogeneous, transformed
+from .transforms import homogeneous, inverse, transformed
 
 SCOUTS = 250  # nodes that starts are compared with
 TOGETHER = 32  # starts that are looked at side by side: what they need stays in the processor's cache
 SLACK = 10.0  # factor on the tolerance, as long as starts are compared
 REFINED_STARTS = 10  # starts that are tried by ICP after the first look
-ROUNDS = ((5, 6), (10, 3))  # steps of ICP for each start, and how many are kept
+WHOLE_ROUNDS = ((5, 15), (10, 6))  # steps of ICP for each start, and how many are tried at most
 PARTIAL_STEPS = 25  # steps for each start where a mesh is partial, and all are kept
 FINAL_STARTS, FINAL_STEPS = 3, 25  # how many are tried to the end, and the steps for each
 DOUBTFUL_STARTS = 10  # the same, of a partial mesh that fits in several places about equally
 APART = 0.1  # of the smaller mesh's size: poses that differ by more are two
 RIVAL = 1.12  # times the best misfit: a pose as good as that may be the right one
+CLOSE = 1.25  # the same after the last round, where whole poses are not yet followed to the end
+TURNED = 30.0  # degrees: poses of whole meshes that differ by more are two
+SELF_STEPS, AROUND = 15, 6  # of ICP of a shape with itself; neighbours that tell how dense its nodes are
+SAME = 0.5  # of the distance between neighbours: what lies on itself so closely is the same shape
 PLACES = 12  # parts of the whole that a partial mesh is laid on
 PART_NODES = 12  # a part has at least so many nodes
 
@@ -34,7 +39,8 @@ class Start(NamedTuple):
 
     matrix: Float  # (4, 4) the source's transform
     misfit: float  # root mean square distance that it leaves
-    doubtful: bool  # whether quite another pose of a partial mesh fits about as well
+    doubtful: bool  # whether quite another pose fits about as well
+    close: tuple[Fit, ...] = ()  # of whole meshes: starts of all poses that do, if any, to be `decided`
 
 
 class Frame(NamedTuple):
@@ -82,15 +88,74 @@ def best_start(work: Registration, own: Float, kind: str, mirror: Float) -> Star
     starts, places = _starts(work, own, kind != "rigid", mirror)
     found = [Fit(starts[i], math.inf) for i in _promising(rough, starts, places)]
     # a few steps tell the hopeless ones, where both are whole
-    for steps, kept in ROUNDS if whole else ((PARTIAL_STEPS, len(found)),):
-        tried = icp(scouts, _transforms(found), "rigid", steps)
-        found = sorted(tried, key=lambda fit: fit.misfit)[:kept]
-    # where parts look alike only the details tell
-    closer, last = (scouts, kind) if whole else (rough, "rigid")
-    doubtful = not whole and _rivalled(work, found)
+    for steps, kept in WHOLE_ROUNDS if whole else ((PARTIAL_STEPS, len(found)),):
+        tried = icp(scouts, _transforms(found[:kept]), "rigid", steps)
+        found = sorted(tried, key=lambda fit: fit.misfit)
+    if whole:
+        return _contenders(scouts, found, kind)
+    doubtful = _rivalled(work, found)
     count = DOUBTFUL_STARTS if doubtful else FINAL_STARTS
-    final = icp(closer, _transforms(found[:count]), last, FINAL_STEPS)
+    # where parts look alike only the details tell
+    final = icp(rough, _transforms(found[:count]), "rigid", FINAL_STEPS)
     return Start(*min(final, key=lambda fit: fit.misfit), doubtful)
+
+
+def _contenders(scouts: Registration, found: list[Fit], kind: str) -> Start:
+    """Follow the best starts of whole meshes, best first, to the end; with all that come about as close."""
+    tried = icp(scouts, _transforms(found[:FINAL_STARTS]), kind, FINAL_STEPS)
+    best = min(range(len(tried)), key=lambda i: tried[i].misfit)
+    starts = [found[best]]
+    for fit in found:
+        if fit.misfit < CLOSE * found[0].misfit and all(_turn(fit, one) > TURNED for one in starts):
+            starts.append(fit)
+    if len(starts) == 1:
+        return Start(*tried[best], False)
+    ends = [tried[best], *icp(scouts, _transforms(starts[1:]), kind, FINAL_STEPS)]
+    least = min(ends, key=lambda fit: fit.misfit)
+    close = [fit for fit, end in zip(starts, ends, strict=True) if end.misfit <= RIVAL * least.misfit]
+    return Start(*least, False, tuple(close))
+
+
+def decided(work: Registration, start: Start, kind: str) -> Start:
+    """Decide between the poses of whole meshes that fit about equally well, where there are several.
+
+    All samples do it, and without a shear: it would take up what tells the poses apart, so that the
+    order of the vertices decided.
+    """
+    if len(start.close) < 2:
+        return start
+    rough = dataclasses.replace(work, tolerance=SLACK * work.tolerance)
+    plainer = "rigid" if kind == "rigid" else "similarity"
+    fits = icp(rough, _transforms(list(start.close)), plainer, FINAL_STEPS)
+    best = min(fits, key=lambda fit: fit.misfit)
+    rivals = [fit for fit in fits if fit.misfit < RIVAL * best.misfit and _turn(fit, best) > TURNED]
+    doubtful = any(not _same_shape(work, best.matrix, rival.matrix) for rival in rivals)
+    return Start(best.matrix, start.misfit, doubtful)
+
+
+def _turn(one: Fit, two: Fit) -> float:
+    """Angle in degrees between two poses, each a rotation and a scale."""
+    here, there = one.matrix[:3, :3], two.matrix[:3, :3]
+    trace = 3.0 * (here * there).sum() / (np.linalg.norm(here) * np.linalg.norm(there))
+    return math.degrees(math.acos(min(max((trace - 1.0) / 2.0, -1.0), 1.0)))
+
+
+def _same_shape(work: Registration, one: Float, two: Float) -> bool:
+    """Whether source or target, turned from one of two poses to the other, lies on itself: no matter which."""
+    turns = ((work.source, inverse(one) @ two), (work.target, two @ inverse(one)))
+    return any(_lies_on_itself(cloud, matrix[:3, :3]) for cloud, matrix in turns)
+
+
+def _lies_on_itself(cloud: Cloud, turn: Float) -> bool:
+    """Whether a shape, turned about its middle by a rotation with a scale, falls onto itself again."""
+    turn = turn / np.cbrt(np.linalg.det(turn))
+    scouts, nodes = cloud.thinned(SCOUTS), cloud.sample
+    centre = nodes.mean(axis=0)
+    start = homogeneous(turn, centre - turn @ centre)
+    (fit,) = icp(Registration(scouts, scouts, "none", 0.0), start[None], "rigid", SELF_STEPS)
+    count = min(AROUND + 1, len(nodes))
+    spacing = float(cKDTree(nodes).query(nodes, k=count)[0][:, 1:].mean())
+    return fit.misfit < SAME * spacing
 
 
 def _rivalled(work: Registration, fits: list[Fit]) -> bool:
