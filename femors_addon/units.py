@@ -52,7 +52,7 @@ def unit_factor(source: Surface, target: Surface, partial: str = "none") -> floa
         factor = nearest_of(times, IMPERIAL, SURE) or nearest_of(times, METRIC, FAIR)
         if factor is None:
             raise FemorsError(
-                f"{_unlike(ratio)}, which is no ratio of two units: scale one of them, or set Overlap if one "
+                f"{_unlike(ratio)}, near no ratio of two units: scale one of them, or set Overlap if one "
                 "is a part of the other"
             )
     if factor is None:
@@ -70,4 +70,4 @@ def unlike_sizes(source: Surface, target: Surface, partial: str = "none") -> tup
 
 def _unlike(ratio: float) -> str:
     kind = "larger" if ratio > 1.0 else "smaller"
-    return f"the target is {max(ratio, 1.0 / ratio):.3g} times {kind} than the source"
+    return f"the target is {max(ratio, 1.0 / ratio):.4g} times {kind} than the source"

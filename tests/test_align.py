@@ -238,7 +238,7 @@ def test_merely_different_sizes_are_told_as_such(pair, ratio):
     for kind in ("none", "affine"):
         (said,) = align(other, pair.target, kind).warnings
         times = size_ratio(other, pair.target)
-        words = f"{times:.3g} times larger" if ratio > 1 else f"{1 / times:.3g} times smaller"
+        words = f"{times:.4g} times larger" if ratio > 1 else f"{1 / times:.4g} times smaller"
         assert said == f"the target is {words} than the source"
 
 
