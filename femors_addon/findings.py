@@ -8,7 +8,7 @@ from typing import Any
 
 from .progress import counted
 
-ROUNDING = 1e-3  # of a distance: a smaller difference is not worth a word
+ROUNDING = 1e-2  # of a distance: a smaller difference is not worth a word
 CLEAR, NEAR, OVERLAP, CONTAINED = "clear", "too near", "overlap", "contained"
 
 

@@ -21,8 +21,8 @@ class OverclosureSettings:
     gap: float = setting(
         0.01,
         "Minimum gap",
-        "Least distance of each body's nodes to the surface of another afterwards; edges do not cross, but may "
-        "be nearer each other",
+        "Least distance of each body's nodes to the surface of another afterwards; edges do not cross, but "
+        "may be nearer each other",
         minimum=0.0,
         maximum=1e6,
         unit="length",
