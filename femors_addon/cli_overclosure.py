@@ -160,7 +160,7 @@ def _write(
         notes += [*getattr(source.thing, "notes", ()), *parts.notes]
     report = [] if args.report is None else [Path(args.report)]
     check_paths(_inputs(sources), [*written, *report])
-    with files.replacing(*written, *report) as new:
+    with files.folder_for(args.out), files.replacing(*written, *report) as new:
         for temporary, data in zip(
             new,
             [*written.values(), *(_report(args, version, bodies, exclude, result) for _ in report)],
@@ -205,7 +205,9 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
     if args.report is not None:
         check_ending(args.report)
         check_paths(args.sources, [args.report])
-        files.check_writable(args.report)
+        fresh = args.out is not None and not args.check and not Path(args.out).exists()
+        if not (fresh and Path(args.report).parent == Path(args.out)):  # that folder is made with the rest
+            files.check_writable(args.report)
     if args.out is None or args.check:
         return []
     folder = Path(args.out)

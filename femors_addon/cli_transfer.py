@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -87,7 +88,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if os.path.exists(args.out) and not os.path.isdir(args.out):
         raise FemorsError(f"{args.out}: is a file; a folder is needed")
     files.check_folder(args.out)
-    files.check_writable(*others)
+    fresh = not os.path.exists(args.out)  # it is made with the rest
+    files.check_writable(*(path for path in others if not (fresh and Path(path).parent == Path(args.out))))
     carrier = Carrier(keptfield.load(args.field))
     transfer = Transfer(carrier, settings, _surface(args.project, args.project_part))
     done = []
@@ -108,7 +110,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if args.report is not None:
         data[Path(args.report)] = _report(args, transfer, done)
     check_paths(inputs, data)
-    write_all(data)
+    write_all(data, args.out)
     console.written = True
     for one in done:
         console.say(f"{one.path}: {one.moved.summary(one.path.lower().endswith('.stl'))}")
@@ -218,9 +220,10 @@ def _surface(path: str | None, name: str | None) -> Surface | None:
     return cli_convert.placed(matrix, cli_convert.surface_of(thing, name, "--project-part"))
 
 
-def write_all(data: Mapping[Path, bytes]) -> None:
-    """Write all files or none."""
-    with files.replacing(*data) as new:
+def write_all(data: Mapping[Path, bytes], folder: str | None = None) -> None:
+    """Write all files or none; a folder that was made for them goes again where they cannot be."""
+    place = contextlib.nullcontext() if folder is None else files.folder_for(folder)
+    with place, files.replacing(*data) as new:
         for path, content in zip(new, data.values(), strict=True):
             path.write_bytes(content)
 

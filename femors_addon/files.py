@@ -49,15 +49,9 @@ def check_no_folder(path: Location) -> None:
 
 
 def check_writable(*paths: Location) -> None:
-    """Raise `FemorsError` unless a file can be written at each path; leaves nothing behind.
-
-    A folder that is not there yet must be one that can be made.
-    """
+    """Raise `FemorsError` unless a file can be written at each path; leaves nothing behind."""
     for path in paths:
         temporary = _temporary(path)
-        if not temporary.parent.exists():
-            check_folder(temporary.parent)
-            continue
         try:
             temporary.touch(exist_ok=False)
             temporary.unlink()
@@ -70,27 +64,17 @@ def replacing(*paths: Location) -> Iterator[list[Path]]:
     """Give a temporary path beside each of `paths`; move all of them into place if all went well.
 
     The body writes every temporary file. When it raises, whatever it raises, the temporary files are
-    removed and the files at `paths` are what they were. Folders that are missing are made, and go again.
+    removed and the files at `paths` are what they were.
 
     Raises
     ------
     FemorsError
-        A folder that cannot be made or is read-only, a disk that is full.
+        A folder that is missing or read-only, a disk that is full.
     """
     temporary = [_temporary(path) for path in paths]
-    with contextlib.ExitStack() as folders:
-        for new in temporary:
-            folders.enter_context(folder_for(new.parent))
-        with _moved_into_place(paths, temporary):
-            yield temporary
-
-
-@contextlib.contextmanager
-def _moved_into_place(paths: Sequence[Location], temporary: Sequence[Path]) -> Iterator[None]:
-    """Move temporary files to `paths` where the body wrote them; remove what is left of them."""
     at: Location = paths[0] if paths else ""
     try:
-        yield
+        yield temporary
         for at, new in zip(paths, temporary, strict=True):
             os.replace(new, os.path.realpath(at))
     except OSError as error:
@@ -137,15 +121,9 @@ def _make(folder: Location, made: list[Path]) -> None:
     """Make a folder and those that it is in, and tell which; raise `FemorsError` where one cannot be."""
     try:
         for path in (*reversed(Path(folder).parents), Path(folder)):
-            if path.is_dir():
-                continue
-            try:
+            if not path.is_dir():
                 path.mkdir()
-            except FileExistsError:
-                if path.is_dir():  # another process was quicker
-                    continue
-                raise
-            made.append(path)
+                made.append(path)
     except OSError as error:
         raise FemorsError(f"{folder}: cannot be made ({_reason(error)})") from None
 
@@ -163,6 +141,8 @@ def _temporary(path: Location) -> Path:
     final = Path(os.path.realpath(path))
     if final.is_dir():
         raise FemorsError(f"{path}: is a folder; name a file in it")
+    if not final.parent.is_dir():
+        raise FemorsError(f"{path}: there is no folder {final.parent}; make it first")
     if final.exists() and not (final.is_file() and os.access(final, os.W_OK)):
         raise FemorsError(f"{path}: is write-protected or no regular file; choose another name")
     # the suffix stays last: numpy.savez appends one to names that lack it

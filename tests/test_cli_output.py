@@ -110,12 +110,6 @@ def test_a_report_may_stand_in_the_folder_that_is_made(folder, field):
     assert sorted(os.listdir("new")) == ["a.obj", "r.json"]
 
 
-def test_folders_of_named_files_are_made(folder):
-    assert cli.main(["quality", "a.obj", "--report", "reports/q.json", "--quiet"]) == 0
-    assert cli.main(["convert", "a.obj", "-o", "new/er/a.stl", "--quiet"]) == 0
-    assert os.path.isfile("reports/q.json") and os.path.isfile("new/er/a.stl")
-
-
 def test_a_folder_that_was_made_goes_again(folder, capsys, monkeypatch):
     def fails(path: Path, data: bytes) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -177,7 +177,7 @@ def test_what_convert_refuses(box, tmp_path, capsys):
         ((box, tmp_path / "o.step"), "'.step' is not a known kind of file"),
         ((tmp_path / "none.inp", tmp_path / "o.stl"), "no such file"),
         ((box, box), "also an input"),
-        ((box, box / "new" / "o.stl"), "cannot be made"),
+        ((box, tmp_path / "nowhere" / "o.stl"), "no folder"),
         ((tmp_path / "broken.inp", tmp_path / "o.stl"), "line 17: element 3 names node 99"),
         ((tmp_path / "empty.vtu", tmp_path / "o.stl"), "is empty"),
         ((box,), "-o OUT is needed (see 'femors convert --help')"),

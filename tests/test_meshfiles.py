@@ -494,38 +494,6 @@ def test_folders_that_were_made_go_again_where_the_work_fails(tmp_path, monkeypa
     assert (tmp_path / "a" / "b" / "c").is_dir()
 
 
-def test_folders_of_a_file_are_made_and_go_again_where_it_fails(tmp_path):
-    path, other = tmp_path / "a" / "b" / "x.stl", tmp_path / "a" / "c" / "r.json"
-    files.check_writable(path, other)
-    assert list(tmp_path.iterdir()) == []
-    with pytest.raises(RuntimeError), files.replacing(path, other) as (one, _):
-        one.write_bytes(b"half")
-        raise RuntimeError
-    assert list(tmp_path.iterdir()) == []
-    with files.replacing(path, other) as new:
-        for one in new:
-            one.write_bytes(b"whole")
-    assert (path.read_bytes(), other.read_bytes()) == (b"whole", b"whole")
-    with pytest.raises(FemorsError, match=r"y\.stl: cannot be written \(not a directory"):
-        files.check_writable(path / "y.stl")
-    for attempt in (files.check_writable, lambda place: files.write_bytes(place, b"x")):
-        with pytest.raises(FemorsError, match="cannot be made"):
-            attempt(path / "new" / "y.stl")
-
-
-def test_a_folder_that_another_process_makes_meanwhile_is_taken_and_stays(tmp_path, monkeypatch):
-    make = Path.mkdir
-
-    def late(path: Path, *args: object) -> None:
-        make(path)
-        raise FileExistsError(17, "File exists", str(path))
-
-    monkeypatch.setattr(Path, "mkdir", late)
-    with pytest.raises(RuntimeError), files.folder_for(tmp_path / "new"):
-        raise RuntimeError
-    assert (tmp_path / "new").is_dir()
-
-
 def test_writing_through_a_link_and_with_the_usual_permissions(tmp_path):
     (tmp_path / "real").mkdir()
     link = tmp_path / "link.stl"
@@ -540,6 +508,7 @@ def test_writing_through_a_link_and_with_the_usual_permissions(tmp_path):
 @pytest.mark.parametrize(
     ("name", "word"),
     [
+        ("nowhere/x.stl", "no folder"),
         ("", "folder"),
         ("/proc/x.stl", "cannot be written"),
         ("/dev/null", "regular"),
