@@ -10,6 +10,7 @@ from surfaces import cut
 
 from femors_addon import shapes
 from femors_addon.align import DOUBT, DOUBT_WHOLE, align
+from femors_addon.commandline import for_command
 from femors_addon.icp import Cloud, Registration, icp, matched
 from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
@@ -194,6 +195,11 @@ def unlike() -> tuple[Surface, Surface]:
     """Two shapes of which one, laid onto the other, fits about equally well in several poses."""
     rng = np.random.default_rng(11)
     return knobbed(rng, (1.0, 1.3, 1.7)), knobbed(rng, (1.0, 1.2, 1.6))
+
+
+def test_the_doubt_names_the_options_on_the_command_line():
+    for words in (DOUBT, DOUBT_WHOLE):
+        assert for_command(words).endswith("or pass --source-landmarks and --target-landmarks")
 
 
 def test_the_order_of_the_vertices_does_not_choose_the_pose(unlike):
