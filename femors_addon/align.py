@@ -21,7 +21,10 @@ from .units import unit_factor, unlike_sizes
 
 TOLERANCE = 1e-5  # of the target's size: ICP ends when no sample moves by more
 DOUBT = "the part fits the whole in several places about equally well: look at the pose, or give landmarks"
-DOUBT_WHOLE = "the source fits the target about equally well in quite different poses: look at the pose, or give landmarks"
+DOUBT_WHOLE = (
+    "the source fits the target about equally well in quite different poses: "
+    "look at the pose, or give landmarks"
+)
 CHECK_STEPS = 40  # of ICP with all samples, before a mirror image is spoken of
 MIRROR_MARGIN = 0.85  # a mirrored fit must be better by this factor to be spoken of
 
