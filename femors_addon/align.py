@@ -144,8 +144,8 @@ def _choose_hand(
     """Best start of the source as it is, and of its mirror image; which, and what to say of it."""
     progress(0.05, "alignment: starting pose")
     plain, other = at_once(
-        lambda: best_start(work, own, kind, np.eye(4)),
-        lambda: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
+        lambda _: best_start(work, own, kind, np.eye(4)),
+        lambda _: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
     )
     words = DOUBT if work.partial != "none" else DOUBT_WHOLE
     if plain.misfit <= work.tolerance or other.misfit > MIRROR_MARGIN * plain.misfit:

@@ -15,6 +15,7 @@ from .mesh import Float, Int, Single
 from .progress import Progress, silent
 
 LN2 = math.log(2.0)
+MOST = 1e5  # cells along an axis: more than a 64-bit key could count
 WIDEST = 3.0  # cut-off lengths that a cell may measure: single precision bears no more
 CELL_FILL = 6  # centres a cell, at least, on average
 CACHED = 1_000_000  # kernel values of a meeting of cells at a time: 4 MB, for the processor's cache
@@ -39,8 +40,7 @@ class Cells:
     def of(cls, centres: Float, size: float) -> Cells:
         low = centres.min(axis=0)
         widest = WIDEST * size
-        # never more cells than a 64-bit key can count
-        size = max(size, float(np.ptp(centres, axis=0).max()) / 1e5)
+        size = max(size, float(np.ptp(centres, axis=0).max()) / MOST)
         while True:
             cell = _cell(centres, low, size)
             nx, ny, nz = (int(n) for n in cell.max(axis=0) + 2)

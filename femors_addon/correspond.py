@@ -8,7 +8,7 @@ field, which takes it along with its neighbours.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,11 +56,12 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
     """Closest compatible surface points, source to target and target to source.
 
     Where one mesh is partial only its own nodes ask; matches to the open border of the searched
-    mesh, which stands for all that is missing beyond, are left out.
+    mesh, which stands for all that is missing beyond, are left out. `progress` is told the same again and
+    again where both ways go at once, see `limits.at_once`.
     """
     whole = target.index.surface
 
-    def there() -> tuple[Float, Float]:
+    def there(progress: Progress) -> tuple[Float, Float]:
         found = target.index.closest(source.vertices, progress)
         normals = interpolated_normals(whole, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", source.vertex_normals, normals) > FACING
@@ -69,7 +70,7 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
         kept &= _sound(vector, source.vertex_normals, normals, partial)
         return source.vertices[kept], vector[kept]
 
-    def back() -> tuple[Float, Float]:
+    def back(progress: Progress) -> tuple[Float, Float]:
         found = SurfaceIndex(source).closest(target.nodes, progress)
         normals = interpolated_normals(source, found.face, found.barycentric)
         kept = np.einsum("ij,ij->i", target.normals, normals) > FACING
@@ -79,7 +80,7 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
         return found.point[kept], vector[kept]
 
     source.vertex_normals, whole.vertex_normals  # noqa: B018  both ways ask for them: worked out once
-    return _both([there] * (partial != "target") + [back] * (partial != "source"))
+    return _both([there] * (partial != "target") + [back] * (partial != "source"), progress)
 
 
 def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: str) -> Vectors:
@@ -91,13 +92,13 @@ def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: 
     ours = np.hstack((source.vertices, normal_weight * source.vertex_normals))
     theirs = np.hstack((target.vertices, normal_weight * target.vertex_normals))
 
-    def back() -> tuple[Float, Float]:
+    def back(_progress: Progress) -> tuple[Float, Float]:
         hit = cKDTree(ours).query(theirs)[1]
         vector = target.vertices - source.vertices[hit]
         kept = _sound(vector, source.vertex_normals[hit], target.vertex_normals, partial)
         return target.vertices[kept], vector[kept]
 
-    def there() -> tuple[Float, Float]:
+    def there(_progress: Progress) -> tuple[Float, Float]:
         hit = cKDTree(theirs).query(ours)[1]
         vector = target.vertices[hit] - source.vertices
         kept = _sound(vector, source.vertex_normals, target.vertex_normals[hit], partial)
@@ -106,9 +107,9 @@ def by_nearest(source: Surface, target: Surface, normal_weight: float, partial: 
     return _both([back] * (partial != "source") + [there] * (partial != "target"))
 
 
-def _both(ways: list[Callable[[], tuple[Float, Float]]]) -> Vectors:
+def _both(ways: Sequence[Callable[[Progress], tuple[Float, Float]]], progress: Progress = silent) -> Vectors:
     """The vectors of one way or two, one after the other."""
-    centres, vectors = zip(*at_once(*ways), strict=True)
+    centres, vectors = zip(*at_once(*ways, progress=progress), strict=True)
     return Vectors(np.concatenate(centres), np.concatenate(vectors))
 
 

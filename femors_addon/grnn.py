@@ -29,7 +29,7 @@ from scipy import ndimage, sparse
 from scipy.spatial import cKDTree
 
 from .cached import cached_property
-from .cells import LN2, Cells
+from .cells import LN2, MOST, Cells
 from .limits import in_threads
 from .mesh import Float, Int, frozen
 from .progress import FemorsError, Progress, silent
@@ -109,9 +109,10 @@ class DisplacementField:
 
     def _within(self, points: Float, nearest: Float, limit: float, progress: Progress) -> Float:
         """Evaluate queries whose nearest centre is less than `limit` spreads away."""
-        if limit == math.inf:
+        reach = self.spread * math.hypot(limit, ROUGH_CUT if self.rough else CUT)
+        if limit == math.inf or float(np.ptp(self.centres, axis=0).max()) > MOST * reach:
             return self._far(points, progress)
-        cells = Cells.of(self.centres, self.spread * math.hypot(limit, ROUGH_CUT if self.rough else CUT))
+        cells = Cells.of(self.centres, reach)
         if limit == REACHES[0]:
             grid = _Grid.fitting(self.centres, points, self.spread, self.rough)
             handled = len(points) + len(self.centres)

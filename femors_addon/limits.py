@@ -7,7 +7,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Any, ClassVar, TypeVar
 
@@ -17,6 +17,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 MB = 1e6
+LOOK = 0.05  # seconds between two looks at whether jobs in other threads are to be cancelled
 AHEAD = 2  # parts for each thread that are begun before the first is done: no more are held in memory
 
 
@@ -101,9 +102,36 @@ def in_threads(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
         pool.shutdown(cancel_futures=True)
 
 
-def at_once(*jobs: Callable[[], Any]) -> list[Any]:
-    """Return what each job returns; none may need what another writes. See `in_threads`."""
-    return list(in_threads(lambda job: job(), jobs))
+def at_once(*jobs: Callable[[Progress], Any], progress: Progress = silent) -> list[Any]:
+    """Return what each job returns; none may need what another writes.
+
+    Of one thread they are done one after the other, and report to `progress`. In threads they report to
+    nobody: the thread that waits for them does, now and then, and where it is told to cancel they stop
+    as they next report. What is reported has to be the same each time, see `progress.repeating`.
+    """
+    threads = free_threads()
+    if threads < 2:
+        return [job(progress) for job in jobs]
+    left, look = _stoppable()
+    with ThreadPoolExecutor(threads, initializer=_begin) as pool:
+        try:
+            begun = [pool.submit(job, look) for job in jobs]
+            while wait(begun, LOOK).not_done:
+                progress(0.0, "")
+            return [one.result() for one in begun]
+        finally:
+            left.set()
+
+
+def _stoppable() -> tuple[threading.Event, Progress]:
+    """An event, and what a job in another thread may report to: it raises `Cancelled` from then on."""
+    left = threading.Event()
+
+    def look(_fraction: float, _text: str) -> None:
+        if left.is_set():
+            raise Cancelled
+
+    return left, look
 
 
 _counting = threading.Lock()
@@ -125,11 +153,7 @@ def aside(job: Callable[[Progress], R], progress: Progress = silent) -> Iterator
     if Limits.threads < 2 or getattr(within, "thread", False):
         yield lambda: job(progress)
         return
-    left = threading.Event()
-
-    def look(_fraction: float, _text: str) -> None:
-        if left.is_set():
-            raise Cancelled
+    left, look = _stoppable()
 
     def work() -> R:
         _count(1)

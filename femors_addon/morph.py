@@ -33,7 +33,7 @@ from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
 from .morph_work import Work
 from .outgrowths import reached
-from .progress import FemorsError, Preview, Progress, part, silent, within
+from .progress import FemorsError, Preview, Progress, part, repeating, silent
 from .relax import averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, stages
 from .steer import Steering
@@ -96,8 +96,8 @@ def morph(
     require_memory(MEMORY_LEAST + MEMORY_NODE * nodes, f"a morph with {nodes} nodes in both meshes")
     progress(0.0, "cleaning")
     whole, theirs = at_once(
-        lambda: clean(source.vertices, source.faces, "source"),
-        lambda: clean(target.vertices, target.faces, "target"),
+        lambda _: clean(source.vertices, source.faces, "source"),
+        lambda _: clean(target.vertices, target.faces, "target"),
     )
     ours, theirs = without_strays(whole, theirs)
     factor = None if settings.fix_units else unit_factor(ours.surface, theirs.surface, settings.partial)
@@ -258,7 +258,7 @@ def _run(
         if calm and number < count - 1:
             continue  # nothing moves any more: only the last and finest is left to try
         where = f"{stage.name}, {len(rest.vertices)} nodes, iteration {number + 1} of {count}"
-        under_way = within(progress, number / count, where)
+        under_way = repeating(progress, number / count, where)
         moved = rest.moved(rest.vertices + displacement)
         vectors = _vectors(moved, aim, target, iteration.normal_weight, settings.partial, under_way)
         if not len(vectors.centres):

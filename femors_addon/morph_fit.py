@@ -144,8 +144,12 @@ def part_of_whole(
 
 
 def _border_length(surface: Surface) -> float:
-    """Length of the open border."""
-    ends = surface.edges[surface.border[surface.edges].all(axis=1)]
+    """Length of the open border: of the edges with one face, or with more than two."""
+    n = len(surface.vertices)
+    key, paired = (
+        those[:, 0].astype(np.int64) * n + those[:, 1] for those in (surface.edges, surface.edge_faces[1])
+    )
+    ends = surface.edges[~np.isin(key, paired)]
     return float(triples.length(surface.vertices[ends[:, 0]] - surface.vertices[ends[:, 1]]).sum())
 
 

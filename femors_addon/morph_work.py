@@ -18,7 +18,7 @@ from .mesh import Float, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .poses import canonical_frame
-from .progress import Progress, part
+from .progress import Progress, part, repeating
 from .reduce import pyramid
 from .schedule import node_counts
 from .steer import Pull, lead
@@ -90,9 +90,10 @@ class Work:
         progress(0.0, "reduced meshes")
         counts = _counts(source, target, settings)
         levels, targets, index = at_once(
-            lambda: _reduced_upright(source, counts[0], progress),
-            lambda: pyramid(target, counts[1], progress),
-            lambda: SurfaceIndex(target),
+            lambda look: _reduced_upright(source, counts[0], look),
+            lambda look: pyramid(target, counts[1], look),
+            lambda _: SurfaceIndex(target),
+            progress=repeating(progress, 0.0, "reduced meshes"),
         )
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
         options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from . import triples
 from .limits import in_threads
 from .mesh import Float, Int, Surface
-from .progress import Progress, silent
+from .progress import Progress, part, silent
 from .triangles import Triangles
 
 FIRST_NEIGHBOURS = 6  # vertices
@@ -77,8 +77,10 @@ class SurfaceIndex:
         best = np.full(count, np.inf)
         face = np.zeros(count, dtype=np.int32)
         bary = np.zeros((count, 3))
-        for tree, members, slack in self._classes:
-            self._search(points, tree, members, slack, (best, face, bary), progress)
+        share = 1.0 / max(len(self._classes), 1)
+        for number, (tree, members, slack) in enumerate(self._classes):
+            reporter = part(progress, number * share, (number + 1) * share)
+            self._search(points, tree, members, slack, (best, face, bary), reporter)
         corners = self.surface.vertices[self.surface.faces[face]]
         point = np.einsum("pk,pkc->pc", bary, corners)
         return Closest(triples.length(points - point), point, face, bary)

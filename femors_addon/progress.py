@@ -7,7 +7,10 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 Progress = Callable[[float, str], None]
-"""``progress(fraction, text)``: fraction in [0, 1]; may raise `Cancelled` at any call."""
+"""``progress(fraction, text)``: fraction in [0, 1]; may raise `Cancelled` at any call.
+
+It is called from the thread that has begun the computation, never from those that it starts.
+"""
 
 
 Preview = Callable[[Any], None]
@@ -50,6 +53,6 @@ def part(progress: Progress, start: float, stop: float) -> Progress:
     return lambda fraction, text: progress(start + (stop - start) * fraction, text)
 
 
-def within(progress: Progress, start: float, text: str) -> Progress:
+def repeating(progress: Progress, fraction: float, text: str) -> Progress:
     """Report the same from all of a sub-task: it may be cancelled, and its parts mean nothing to a user."""
-    return lambda _fraction, _text: progress(start, text)
+    return lambda _fraction, _text: progress(fraction, text)

@@ -16,7 +16,7 @@ from .grnn import DisplacementField
 from .mesh import Float, Int, Single, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
-from .progress import Preview, Progress, unseen, within
+from .progress import Preview, Progress, repeating, unseen
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
@@ -202,7 +202,7 @@ def settle(
     rounds = settings.relaxation + (settings.projection > 0)
     landed, found = np.full_like(displacement, np.nan), None
     for number in range(rounds):
-        under_way = within(progress, number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
+        under_way = repeating(progress, number / max(rounds + 1, 1), f"relaxation {number + 1} of {rounds}")
         begun = positions = aligned.vertices + displacement
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
             under_way(0.0, "")
@@ -216,7 +216,7 @@ def settle(
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
-    under_way = within(progress, rounds / (rounds + 1), "checking for folded faces")
+    under_way = repeating(progress, rounds / (rounds + 1), "checking for folded faces")
     judge = functools.partial(bad_faces, progress=under_way)
     displacement, left = unfolded(reference, displacement, mean, judge, free)
     return displacement, left, landed

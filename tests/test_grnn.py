@@ -389,6 +389,19 @@ def test_progress_is_told_and_may_cancel(surfaces, spread):
             way(at, cancel)
 
 
+@pytest.mark.parametrize("scale", [1.0, 1e-12, 1e12])
+def test_a_spread_however_small_takes_the_nearest_centre(scale):
+    """No cell of its size could be counted; queries on the centres, and a little off them."""
+    random = np.random.default_rng(0)
+    centres, displacements = random.uniform(0.0, 500.0, (3000, 3)), random.normal(size=(3000, 3))
+    points = centres + 1e-6 * random.normal(size=centres.shape) * (random.random((3000, 1)) < 0.5)
+    for spread in (1e-3, 1e-6, 1e-9, 1e-15, 1e-30):
+        field = DisplacementField(scale * centres, displacements, scale * spread)
+        with np.errstate(all="raise", under="ignore"):
+            got = field(scale * points)
+        assert np.abs(got - displacements).max() < 1e-9, spread
+
+
 def test_only_meetings_of_cells_with_enough_to_do_go_to_threads(monkeypatch):
     """Where each is a few calls on little, threads would wait for each other."""
     bone = shapes.bone(3000)

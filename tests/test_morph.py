@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from surfaces import cut, soup, together
 
-from femors_addon import morph_outcome, shapes
+from femors_addon import morph_fit, morph_outcome, shapes
 from femors_addon import settings as declared
 from femors_addon.commandline import for_command
 from femors_addon.mesh import Float, Surface, triangulate
@@ -576,6 +576,13 @@ def test_nothing_to_do_is_no_failure():
     result = morph(SMALL, GOAL, idle)
     assert np.array_equal(result.vertices, SMALL.vertices)
     assert result.history == ()
+
+
+def test_the_length_of_a_border_is_that_of_edges_with_one_face():
+    """Not of every edge between two of its nodes: the square's diagonal."""
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert morph_fit._border_length(Surface(corners, [[0, 1, 2], [0, 2, 3]])) == 4.0
+    assert morph_fit._border_length(SMALL) == 0.0
 
 
 # --- the field ------------------------------------------------------------------------------------

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
-from femors_addon import balls, nearest, reduce, relax, shapes
+from femors_addon import balls, limits, nearest, reduce, relax, shapes
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.progress import Cancelled
 
@@ -64,3 +66,64 @@ def test_between_two_blocks_of_work_it_asks(step, work, monkeypatch):
     mine = [asked for asked in blocks if step in said[asked - 1]]
     assert len(mine) > 1
     assert len(set(mine)) == len(mine)
+
+
+@pytest.fixture
+def two_threads():
+    before = limits.Limits.threads
+    limits.allow(2, 0)
+    yield
+    limits.Limits.threads = before
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_it_reports_from_the_thread_that_began_it_and_never_goes_back(threads, two_threads, monkeypatch):
+    """Blender's own functions may be called from its main thread alone."""
+    monkeypatch.setattr(nearest, "BLOCK_PAIRS", 1000)
+    monkeypatch.setattr(limits, "LOOK", 1e-4)
+    limits.allow(threads, 0)
+    callers, fractions = set(), [0.0]
+
+    def told(fraction, _text):
+        callers.add(threading.get_ident())
+        fractions.append(fraction)
+
+    morph(SMALL, GOAL, LAYERED, told)
+    assert callers == {threading.get_ident()}
+    assert fractions == sorted(fractions)
+    assert 0.99 < fractions[-1] <= 1.0
+
+
+def test_jobs_in_other_threads_stop_as_they_next_report(two_threads, monkeypatch):
+    monkeypatch.setattr(limits, "LOOK", 1e-3)
+    stopped = []
+
+    def endless(look):
+        try:
+            while True:
+                look(0.5, "")
+        except Cancelled:
+            stopped.append(threading.get_ident())
+            raise
+
+    def cancel(_fraction, _text):
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        limits.at_once(endless, endless, progress=cancel)
+    assert len(set(stopped) - {threading.get_ident()}) == 2
+
+
+def test_of_two_jobs_that_fail_the_first_is_told(two_threads):
+    later = threading.Event()
+
+    def first(_look):
+        later.wait()
+        raise KeyError
+
+    def second(_look):
+        later.set()
+        raise IndexError
+
+    with pytest.raises(KeyError):
+        limits.at_once(first, second)
