@@ -151,7 +151,7 @@ def _choose_hand(
     if plain.misfit <= work.tolerance or other.misfit > MIRROR_MARGIN * plain.misfit:
         plain = decided(work, plain, kind)
         return plain.matrix, (words,) if plain.doubtful else ()
-    plain, other = at_once(lambda: decided(work, plain, kind), lambda: decided(work, other, kind))
+    plain, other = (decided(work, start, kind) for start in (plain, other))
     doubt = (words,) if plain.doubtful else ()
     # the search ends with few samples, and one of the two may have stopped short
     one, two = icp(work, np.array([plain.matrix, other.matrix]), kind, CHECK_STEPS)
