@@ -141,7 +141,7 @@ def _turn(one: Fit, two: Fit) -> float:
 
 
 def _same_shape(work: Registration, one: Float, two: Float) -> bool:
-    """Whether source or target, turned from one of two poses to the other, lies on itself: any will do."""
+    """Whether source or target, turned from one of two poses to the other, lies on itself."""
     turns = ((work.source, inverse(one) @ two), (work.target, two @ inverse(one)))
     return any(_lies_on_itself(cloud, matrix[:3, :3]) for cloud, matrix in turns)
 

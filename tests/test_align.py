@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from surfaces import cut
 
 from femors_addon import shapes
-from femors_addon.align import DOUBT, align
+from femors_addon.align import DOUBT, DOUBT_WHOLE, align
+from femors_addon.commandline import for_command
 from femors_addon.icp import Cloud, Registration, icp, matched
 from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
@@ -20,6 +21,7 @@ from femors_addon.transforms import homogeneous, inverse, landmark_transform, tr
 from femors_addon.triples import renumbered
 from femors_addon.units import size_ratio, unit_factor
 
+BALL = shapes.sphere(3)
 SHEAR = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.02, 0.0, 1.2]])
 
 
@@ -168,6 +170,72 @@ def test_the_source_is_not_touched_and_progress_may_cancel(pair):
 
         with pytest.raises(Cancelled):
             align(pair.source, pair.target, "affine", progress=cancel)
+
+
+# --- unlike shapes, which fit in several poses ----------------------------------------------------
+def knobbed(rng: np.random.Generator, radii: tuple[float, float, float]) -> Surface:
+    """An ellipsoid with three knobs at random places."""
+    ball = shapes.sphere(3)
+    reach = np.ones(len(ball.vertices))
+    for _ in range(3):
+        at, height, width = rng.normal(size=3), rng.uniform(0.2, 0.5), rng.uniform(0.25, 0.5)
+        angle = np.arccos(np.clip(ball.vertices @ (at / np.linalg.norm(at)), -1, 1))
+        reach += height * np.exp(-((angle / width) ** 2) / 2)
+    return ball.moved(ball.vertices * reach[:, None] * radii)
+
+
+def shuffled(surface: Surface, seed: int) -> Surface:
+    """The same mesh, its vertices and faces in another order."""
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(len(surface.vertices))
+    faces = np.argsort(order)[surface.faces][rng.permutation(len(surface.faces))]
+    return Surface(surface.vertices[order], faces.astype(np.int32))
+
+
+@pytest.fixture(scope="module")
+def unlike() -> tuple[Surface, Surface]:
+    """Two shapes of which one, laid onto the other, fits about equally well in several poses."""
+    rng = np.random.default_rng(11)
+    return knobbed(rng, (1.0, 1.3, 1.7)), knobbed(rng, (1.0, 1.2, 1.6))
+
+
+def test_the_doubt_names_the_options_on_the_command_line():
+    for words in (DOUBT, DOUBT_WHOLE):
+        assert for_command(words).endswith("or pass --source-landmarks and --target-landmarks")
+
+
+def test_the_order_of_the_vertices_does_not_choose_the_pose(unlike):
+    """A sheared fit with few samples chose poses 36 to 75 degrees apart for these three orders."""
+    source, target = unlike
+    ends = [align(mesh, target).matrix for mesh in (source, shuffled(source, 1), shuffled(source, 3))]
+    first = transformed(ends[0], source.vertices)
+    for end in ends[1:]:
+        assert off(end, source.vertices, first, target.diagonal) < 0.02
+
+
+def test_it_is_told_where_whole_shapes_fit_in_several_poses(unlike):
+    source, target = unlike
+    for mesh in (source, shuffled(source, 1)):
+        assert align(mesh, target).warnings == (DOUBT_WHOLE,)
+    marks = source.vertices[::100]
+    assert align(source, target, landmarks=(marks, marks)).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("source", "target"),
+    [
+        (shapes.sphere(3), shapes.sphere(3, radius=2.0, centre=(5, 6, 7))),
+        (placed(np.diag([1.0, 2.0, 3.0, 1.0]), BALL), placed(np.diag([1.2, 1.9, 3.0, 1.0]), BALL)),
+        (shapes.box((1, 2, 3), 4), shapes.box((1.1, 1.8, 3.5), 5)),
+        (shapes.box((1, 1, 1), 6), shapes.sphere(3)),
+        (shapes.bone(900, seed=1), shapes.bone(1000, seed=2, lattice=1)),
+    ],
+    ids=["balls", "ellipsoids", "blocks", "cube and ball", "bones"],
+)
+def test_no_pose_is_doubted_where_it_does_not_matter(source, target):
+    """A shape that lies on itself when turned has no pose of its own; two bones of a kind have one."""
+    for start in (pose(0), pose(1, 10.0)):
+        assert align(placed(start, source), target).warnings == ()
 
 
 # --- left and right, metres and millimetres -------------------------------------------------------
