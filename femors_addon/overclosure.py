@@ -88,7 +88,7 @@ def remove_overclosure(
     ------
     FemorsError
         Fewer than two bodies, a name twice, a mesh that is no surface, two copies of one surface,
-        settings outside their limits; a gap above a tenth of a body that it would move; more memory needed
+        settings outside their limits; a gap above a fifth of a body that it would move; more memory needed
         than is allowed.
     Cancelled
         From `progress`.

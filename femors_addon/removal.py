@@ -18,7 +18,7 @@ from .effort import Effort
 from .limits import require_nodes
 from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find, same_surface
 from .overclosure_methods import nodal, published
-from .overclosure_result import WIDE, OverclosureResult, Step, result_of
+from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError, Progress, part
 from .removal_loop import loop
@@ -28,6 +28,9 @@ STRIDE = 0.35  # of the thinnest body, where there are more than two: how far on
 STRIDES = 30  # steps that the deepest pair may take to its end, at least as long as it needs for that
 GAINED = 0.4  # of depth or crossings at the start: a state that is not clear and has more is not worth having
 MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
+WIDEST = (
+    0.2  # of the smaller body's size: a gap above it is one in another unit; the note begins at half of it
+)
 THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
 TRIES = 3  # certificates that may fail before the loop gives up
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
@@ -102,7 +105,7 @@ class Removal:
         Raises
         ------
         FemorsError
-            Every body rigid; a gap of more than a tenth of a body that it would move.
+            Every body rigid; a gap of more than a fifth of a body that it would move.
         Cancelled
             From `progress`.
         """
@@ -139,7 +142,7 @@ class Removal:
         for finding in self.before:
             small = min((of[name] for name in finding.names), key=lambda solid: solid.surface.diagonal)
             share = finding.gap / small.surface.diagonal
-            if share > WIDE and not finding.clear and sum(of[name].share for name in finding.names) > 0:
+            if share > WIDEST and not finding.clear and sum(of[name].share for name in finding.names) > 0:
                 raise FemorsError(
                     f"the gap, {finding.gap:g}, is {share:.0%} of the size of '{small.name}': give it in the "
                     "unit of the coordinates"
