@@ -13,7 +13,7 @@ from .correspond import FACING, at_border, interpolated_normals
 from .features import FeatureLines
 from .folds import Reference, bad_faces, folded, unfolded
 from .grnn import DisplacementField
-from .mesh import Float, Int, Single, Surface
+from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
 from .progress import Preview, Progress, repeating, unseen
@@ -25,8 +25,8 @@ FLOOR = 0.02  # weight of a face without distortion, where one that is badly dis
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
-FACES = 16_000  # of shape matching at a time: what it needs of them stays in the processor's cache
-TINY = np.finfo(np.float32).tiny
+FACES = 8_000  # of shape matching at a time: what it needs of them stays in the processor's cache
+TINY = np.finfo(np.float64).tiny
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
 
 
@@ -71,13 +71,10 @@ class ShapeMatching:
     would have it. Shape and grading come back over a few edges; the large correspondence stays.
 
     It goes block by block through the processor's cache, numbers standing by axis and corner, for it is
-    asked dozens of times. Within a face it counts in mean edges and in single precision: a move is exact
-    to a millionth of an edge, and the places that it is added to are as precise as ever.
+    asked dozens of times.
     """
 
     def __init__(self, source: Surface) -> None:
-        edge = source.mean_edge
-        self._scale = 1.0 / edge if edge > 1e-300 else 1.0
         # indices as NumPy wants them, or each call would make them so
         self._corners, self._count = source.faces.T.astype(np.intp, order="C"), len(source.vertices)
         self._blocks = [slice(at, at + FACES) for at in range(0, len(source.faces), FACES)]
@@ -91,19 +88,19 @@ class ShapeMatching:
 
     def move(self, positions: Float) -> Float:
         """Return the move (n, 3) asked for at positions (n, 3); border nodes stay."""
-        weight = np.empty((3, self._corners.shape[1]), np.float32)
-        wanted = np.empty((3, 3, self._corners.shape[1]), np.float32)  # by axis, corner and face
+        weight = np.empty((3, self._corners.shape[1]))
+        wanted = np.empty((3, 3, self._corners.shape[1]))  # by axis, corner and face
         for block in self._blocks:
             self._changes(positions, block, weight[:, block], wanted[:, :, block])
         at = self._corners.ravel()
-        shared = 1.0 / (self._scale * np.maximum(np.bincount(at, weight.ravel(), self._count), TINY))
+        shared = 1.0 / np.maximum(np.bincount(at, weight.ravel(), self._count), TINY)
         total = np.empty((self._count, 3))
         for axis in range(3):
             total[:, axis] = np.bincount(at, wanted[axis].ravel(), self._count) * shared
         total[self._fixed] = 0.0
         return total
 
-    def _changes(self, positions: Float, block: slice, weight: Single, wanted: Single) -> None:
+    def _changes(self, positions: Float, block: slice, weight: Float, wanted: Float) -> None:
         """Write the weights (3, k) of a block's faces, and the change (3, 3, k), by axis and corner."""
         here_x, here_y, along, across = self._flattened(positions, block)
         rest_x, rest_y, size = self._along[:, block], self._across[:, block], self._size[block]
@@ -124,7 +121,7 @@ class ShapeMatching:
         for axis in range(3):
             np.add(x * along[axis], y * across[axis], out=wanted[axis])
 
-    def _flattened(self, positions: Float, block: slice) -> tuple[Single, Single, Single, Single]:
+    def _flattened(self, positions: Float, block: slice) -> tuple[Float, Float, Float, Float]:
         """Each face of a block in its own plane: centroid at the origin, first side along the first axis.
 
         Returns (the corners' coordinates on that axis and on the one across it, each (3, k); the two
@@ -133,8 +130,7 @@ class ShapeMatching:
         one, two, three = self._corners[:, block]
         start = positions.take(one, axis=0)
         along, across = (
-            np.array(((positions.take(end, axis=0) - start) * self._scale).T, np.float32, order="C")
-            for end in (two, three)
+            np.ascontiguousarray((positions.take(end, axis=0) - start).T) for end in (two, three)
         )
         length = _normalised(along)
         foot = _products(across, along)
@@ -149,14 +145,14 @@ class ShapeMatching:
         )
 
 
-def _products(a: Single, b: Single) -> Single:
+def _products(a: Float, b: Float) -> Float:
     """Products (k,) of vectors (3, k), summed in their order."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-def _normalised(vectors: Single) -> Single:
+def _normalised(vectors: Float) -> Float:
     """Give vectors (3, k) unit length in place, and return their lengths (k,); no length, no direction."""
-    length: Single = np.sqrt(_products(vectors, vectors))
+    length: Float = np.sqrt(_products(vectors, vectors))
     vectors *= np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
     return length
 

@@ -115,8 +115,7 @@ def test_a_mesh_moved_by_a_similarity_has_its_shapes():
     turn = Rotation.random(random_state=0).as_matrix()
     for factor in (1.0, 0.03, 40.0):
         moved = factor * bone.vertices @ turn + (100.0, -50.0, 3.0)
-        # in single precision
-        assert np.abs(matching.move(moved)).max() < 1e-6 * factor * bone.mean_edge
+        assert np.abs(matching.move(moved)).max() < 1e-10 * factor * bone.mean_edge
 
 
 def test_a_distorted_planar_patch_gets_its_shapes_back():
