@@ -27,6 +27,7 @@ TRIM = 0.8  # share of the matches kept where one mesh is partial
 FACING_AWAY = 4.0  # factor on the squared distance of a match whose normals oppose: it counts double
 GROWTH = 0.5  # logarithm of the scale that one step of ICP may take
 FEWEST = 12  # matches that fix a transform
+CYCLE, SAME = 4, 1e-9  # steps back, and how nearly the same misfit: ICP may go round in a few poses for ever
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -211,13 +212,16 @@ def icp(work: Registration, starts: Float, kind: str, iterations: int) -> list[F
     """
     matrices, best = np.array(starts), np.array(starts)
     lowest, active = np.full(len(best), math.inf), np.arange(len(best))
-    for _ in range(iterations):
+    recent = np.full((len(best), CYCLE), math.inf)
+    for number in range(iterations):
         matches = matched(work, matrices[active])
         better = matches.misfit < lowest[active]
         best[active[better]] = matrices[active[better]]
         lowest[active[better]] = matches.misfit[better]
-        enough = matches.chosen.sum(axis=1) >= FEWEST
-        active, matches = active[enough], matches.some(enough)
+        known = np.abs(recent[active] - matches.misfit[:, None]) <= SAME * matches.misfit[:, None]
+        recent[active, number % CYCLE] = matches.misfit
+        going = (matches.chosen.sum(axis=1) >= FEWEST) & ~known.any(axis=1)
+        active, matches = active[going], matches.some(going)
         if not len(active):
             break
         steps = _steps(matches, kind)

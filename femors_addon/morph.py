@@ -27,7 +27,7 @@ from .grnn import DisplacementField
 from .landmark_pairs import Pairs
 from .limits import aside, at_once, require_memory
 from .mend import mended
-from .mesh import Float, Surface
+from .mesh import Float, Int, Surface
 from .morph_outcome import Outcome, compared_before, result_of
 from .morph_result import MorphResult, Step
 from .morph_settings import PRESETS, MorphSettings
@@ -107,7 +107,10 @@ def morph(
             "tick Convert units to have it scaled, or set Overlap if one is a part of the other"
         )
     pairs = _paired(source_landmarks, target_landmarks, landmark_names, theirs.surface.diagonal)
-    work = Work.begun(ours.surface, theirs.surface, settings, pairs, progress)
+    work = Work.begun(ours, theirs, settings, pairs, progress)
+    if ours is whole:
+        whole = work.ours
+    ours, theirs = work.ours, work.theirs
     weight = _clean_weights(weights, ours, len(source.vertices))
     watch = Watch(preview, source.vertices, ours, work.alignment.matrix, work.sources)
     watch.dense(np.zeros_like(work.aligned.vertices))
@@ -135,7 +138,21 @@ def morph(
     shares = None if weights is None else np.asarray(weights, dtype=float).ravel()
     result = result_of(outcome, source, settings, movement.history, warnings, measuring, shares)
     steering = None if work.pairs is None else _steered(result, work.pairs, settings)
-    return dataclasses.replace(result, steering=steering, seconds=time.process_time() - started)
+    seconds = time.process_time() - started
+    return dataclasses.replace(_as_read(result, work.numbers), steering=steering, seconds=seconds)
+
+
+def _as_read(result: MorphResult, numbers: Int) -> MorphResult:
+    """Number the field's nodes (c,) as in the mesh that was read; `numbers` are these."""
+    back, field = np.argsort(numbers), result.field
+    return dataclasses.replace(
+        result,
+        field=dataclasses.replace(
+            field, centres=field.centres[back], displacements=field.displacements[back]
+        ),
+        faces=numbers[result.faces],
+        residual=result.residual[back],
+    )
 
 
 def _steered(result: MorphResult, pairs: Pairs, settings: MorphSettings) -> Steering:

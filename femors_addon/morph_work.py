@@ -10,11 +10,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .align import Alignment, align
+from .cleaning import Cleaned
+from .curve import numbered, ordered
 from .folds import Reference
 from .icp import SAMPLE
 from .landmark_pairs import Pairs
 from .limits import at_once
-from .mesh import Float, Surface
+from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .poses import canonical_frame
@@ -31,6 +33,10 @@ class Work:
 
     Attributes
     ----------
+    ours, theirs : Cleaned
+        Source and target, numbered along a curve, see `curve`.
+    numbers : (n,) int32
+        Which number each of the source's nodes had before.
     alignment : Alignment
     rest : Surface
         The source's own element shapes, mirrored where it was.
@@ -48,6 +54,9 @@ class Work:
         Of the landmarks' pull.
     """
 
+    ours: Cleaned
+    theirs: Cleaned
+    numbers: Int
     alignment: Alignment
     rest: Surface
     reference: Reference
@@ -80,21 +89,31 @@ class Work:
     @classmethod
     def begun(
         cls,
-        source: Surface,
-        target: Surface,
+        ours: Cleaned,
+        theirs: Cleaned,
         settings: MorphSettings,
         pairs: Pairs | None,
         progress: Progress,
     ) -> Work:
-        """Reduce both meshes and align the source; both are cleaned."""
+        """Reduce both meshes, number them along a curve, and align the source.
+
+        Which edges collapse goes by the numbers that were read: where a mesh is, and how it is turned, must
+        not change it. So does the curve's order, along the source's own axes.
+        """
         progress(0.0, "reduced meshes")
-        counts = _counts(source, target, settings)
+        read, aim = ours.surface, theirs.surface
+        counts = _counts(read, aim, settings)
+        own = canonical_frame(read.vertices)
+        upright = read.moved(transformed(own, read.vertices))
+        (ours, numbers), (theirs, _) = ordered(ours, upright.vertices), ordered(theirs, aim.vertices)
+        source, target = ours.surface, theirs.surface
         levels, targets, index = at_once(
-            lambda look: _reduced_upright(source, counts[0], look),
-            lambda look: pyramid(target, counts[1], look),
+            lambda look: _reduced(upright, counts[0], look),
+            lambda look: _reduced(aim, counts[1], look),
             lambda _: SurfaceIndex(target),
             progress=repeating(progress, 0.0, "reduced meshes"),
         )
+        levels = [level.moved(transformed(inverse(own), level.vertices)) for level in levels]
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
         options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}
         options |= {"progress": part(progress, 0.05, 0.25)}
@@ -109,7 +128,19 @@ class Work:
             rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
         weight = settings.landmark_weight if settings.steer else 0.0
         places = moved, [*targets, target]
-        return cls(alignment, rest, Reference(moved[-1]), index, *places, target.diagonal, pairs, weight)
+        return cls(
+            ours,
+            theirs,
+            numbers,
+            alignment,
+            rest,
+            Reference(moved[-1]),
+            index,
+            *places,
+            target.diagonal,
+            pairs,
+            weight,
+        )
 
 
 def _counts(source: Surface, target: Surface, settings: MorphSettings) -> list[list[int]]:
@@ -120,11 +151,9 @@ def _counts(source: Surface, target: Surface, settings: MorphSettings) -> list[l
     return counts
 
 
-def _reduced_upright(source: Surface, counts: list[int], progress: Progress) -> list[Surface]:
-    """Reduced meshes, made in the mesh's own frame: from whatever pose it came, the same edges collapse."""
-    own = canonical_frame(source.vertices)
-    upright, back = source.moved(transformed(own, source.vertices)), inverse(own)
-    return [level.moved(transformed(back, level.vertices)) for level in pyramid(upright, counts, progress)]
+def _reduced(surface: Surface, counts: list[int], progress: Progress) -> list[Surface]:
+    """Reduced meshes, numbered along the curve when all are made."""
+    return [numbered(level) for level in pyramid(surface, counts, progress)]
 
 
 def _samples(levels: list[Surface], targets: list[Surface]) -> tuple[Surface, Surface] | None:

@@ -8,21 +8,23 @@ import threading
 import fast_simplification
 import numpy as np
 
+from . import triples
 from .cleaning import clean
-from .mesh import Float, Surface
+from .mesh import Float, Int, Surface
 from .progress import FemorsError, Progress, silent
 from .thinning import thinned
 
-STEP = 50_000
-"""Faces taken away at a time: fast-simplification lets no other thread run meanwhile, and a window that
-waits for longer than this takes (60 ms) stutters. Of a very dense mesh it is a quarter: each time looks at
-all of the mesh, and takes long whatever is taken away."""
+PIECE = 25_000
+"""Faces that collapse at a time. fast-simplification lets no other thread run meanwhile, so that a window
+waits (15 ms), and of more faces each takes longer: of 200 000 at once twice as long."""
+
+SHARE = 0.5  # of the faces is left by one pass over the pieces: their seams are coarsened by the next
 
 GRAIN = 0.3
 """Length of a mean edge inside. What a collapse may cost begins at a fixed length there, 0.0015, and rises
 slowly: so it is 1/200 of an edge. With a mesh of size one, all that is below half a coarse edge would go."""
 
-ROUGHNESS, SEED = 0.003, 20
+ROUGHNESS, SEED = 0.003, 42
 """Mean edges that vertices are moved by, along their normals and at random: on a flat facet no collapse costs
 anything, and all nodes but those of its outline would go. Far below what the reduced mesh itself loses."""
 
@@ -71,18 +73,47 @@ def reduced(surface: Surface, nodes: int, progress: Progress = silent) -> Surfac
     # faces collapse in their order until there are few enough: in the order of the file the mesh would be
     # coarse at one end and dense at the other
     triangles = surface.faces[random.permutation(len(surface.faces))]
-    with _alone:
-        while len(triangles) > faces:
-            progress(0.0, "reduced meshes")
-            before = len(triangles)
-            wanted = max(before - max(STEP, before // 4), faces)
-            points, triangles = fast_simplification.simplify(points, triangles, target_count=wanted)
-            if len(triangles) == before:
-                break  # nothing is left that could be taken away
+    axes = np.argsort(low - high)  # the longest first
+    passes = 0
+    while len(triangles) > faces:
+        progress(0.0, "reduced meshes")
+        before = len(triangles)
+        wanted = max(int(SHARE * before), faces) if before > PIECE else faces
+        points, triangles = _pass(points, triangles, wanted, axes[passes % 3])
+        passes += 1
+        if len(triangles) == before:
+            break  # nothing is left that could be taken away
     try:
         return clean(points.astype(np.float64) * scale + centre, triangles, "reduced mesh").surface
     except FemorsError:
         return surface
+
+
+def _pass(points: Float, triangles: Int, faces: int, axis: int) -> tuple[Float, Int]:
+    """Return (points, triangles) after collapses down to about `faces` triangles.
+
+    Of a large mesh slabs across an axis collapse one after the other, and what they share stays.
+    """
+    count = -(-len(triangles) // PIECE)
+    if count == 1:
+        with _alone:
+            out: tuple[Float, Int] = fast_simplification.simplify(points, triangles, target_count=faces)
+        return out
+    place = triples.total(points[:, axis][triangles])
+    pieces = np.array_split(np.argsort(place, kind="stable"), count)
+    parts, corners, start = [], [], 0
+    for piece in pieces:
+        used, local = triples.renumbered(triangles[np.sort(piece)], len(points))
+        share = faces * len(piece) // len(triangles)
+        with _alone:
+            part, left = fast_simplification.simplify(
+                points[used], local, target_count=share, preserve_border=True
+            )
+        parts.append(part)
+        corners.append(left + start)
+        start += len(part)
+    first, which = triples.unique_rows(together := np.concatenate(parts))
+    return together[first], which[np.concatenate(corners)].astype(np.int32)
 
 
 def _evening(surface: Surface) -> Float | None:

@@ -378,7 +378,7 @@ def test_thin_plates_of_other_shape_fold_far_less(monkeypatch):
 
 
 def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
-    source, target = blade(3, 0.03, 2.0, 0.3), blade(3, 0.045, 1.0, 0.1)
+    source, target = blade(3, 0.025, 2.0, 0.3), blade(3, 0.04, 1.0, 0.1)
 
     def bad():
         after = morphing.morph(source, target).after
@@ -387,7 +387,7 @@ def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
     with_it = bad()
     monkeypatch.setattr(mend, "step_back", lambda judge, state, *_: state)
     without = bad()
-    assert with_it < 0.3 * without, (with_it, without)  # 0 against 71
+    assert with_it < 0.3 * without, (with_it, without)  # 0 against 84
 
 
 @pytest.mark.parametrize("word", ["stepping back", "returning"])

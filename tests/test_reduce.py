@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import fast_simplification
 import numpy as np
 import pytest
 from surfaces import cut, together
@@ -11,7 +12,7 @@ from femors_addon import shapes
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.quality import aspect_ratio
-from femors_addon.reduce import pyramid, reduced
+from femors_addon.reduce import PIECE, pyramid, reduced
 
 
 def euler(surface: Surface) -> int:
@@ -138,3 +139,36 @@ def test_flat_facets_keep_their_nodes_and_both_ends_are_as_coarse(bone):
     length, along = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends.mean(axis=1)[:, 0]
     fair = length[along < np.median(along)].mean() / length[along >= np.median(along)].mean()
     assert low / high == pytest.approx(fair, rel=0.2)
+
+
+@pytest.mark.parametrize("stretch", [(1, 1, 1), (6, 1, 1)])
+def test_large_meshes_collapse_in_pieces_without_a_trace(monkeypatch, stretch):
+    """No more faces at a time than a window can wait for; nothing is torn where pieces meet."""
+    ball = shapes.sphere(6)  # 81 920 faces
+    ball = ball.moved(ball.vertices * stretch)
+    given: list[int] = []
+    plain = fast_simplification.simplify
+
+    def counting(points, triangles, **options):
+        given.append(len(triangles))
+        return plain(points, triangles, **options)
+
+    monkeypatch.setattr(fast_simplification, "simplify", counting)
+    small = reduced(ball, 8000)
+    assert len(given) > 5 and max(given) <= PIECE
+    assert len(small.vertices) == pytest.approx(8000, rel=0.02)
+    assert euler(small) == 2 and not small.border.any()
+    assert small.volume == pytest.approx(ball.volume, rel=0.002)
+    # as fine where pieces met as elsewhere
+    monkeypatch.setattr("femors_addon.reduce.PIECE", 10**9)
+    whole = reduced(ball, 8000)
+    assert np.percentile(aspect_ratio(small), 99) < 1.1 * np.percentile(aspect_ratio(whole), 99)
+
+
+def test_open_meshes_collapse_in_pieces_too():
+    ball = shapes.sphere(6)
+    bowl, _ = cut(ball, -2.0, 0.3)
+    small = reduced(bowl, 6000)
+    assert len(small.vertices) == pytest.approx(6000, rel=0.02)
+    assert euler(small) == 1
+    assert small.vertices[small.border, 2] == pytest.approx(bowl.vertices[bowl.border, 2].mean(), abs=0.05)
