@@ -26,7 +26,7 @@ from .transforms import transformed
 
 AT_PLACE = 1e-12  # of the size: a node stands where it was laid
 LARGE_SPREAD = 0.25  # of the size: the first spread of a preset in another unit
-BEFORE = 100_000  # vertices of each mesh whose distances stand for all of them before the morph
+BEFORE = 50_000  # vertices of each mesh whose distances stand for all of them before the morph
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -20,6 +20,8 @@ waits (15 ms), and of more faces each takes longer: of 200 000 at once twice as 
 
 SHARE = 0.5  # of the faces is left by one pass over the pieces: their seams are coarsened by the next
 
+LEFT = 0.99  # of the faces after a pass: there is no use in another
+
 GRAIN = 0.3
 """Length of a mean edge inside. What a collapse may cost begins at a fixed length there, 0.0015, and rises
 slowly: so it is 1/200 of an edge. With a mesh of size one, all that is below half a coarse edge would go."""
@@ -81,8 +83,8 @@ def reduced(surface: Surface, nodes: int, progress: Progress = silent) -> Surfac
         wanted = max(int(SHARE * before), faces) if before > PIECE else faces
         points, triangles = _pass(points, triangles, wanted, axes[passes % 3])
         passes += 1
-        if len(triangles) == before:
-            break  # nothing is left that could be taken away
+        if len(triangles) > LEFT * before:
+            break  # next to nothing is left that could be taken away
     try:
         return clean(points.astype(np.float64) * scale + centre, triangles, "reduced mesh").surface
     except FemorsError:
