@@ -29,7 +29,7 @@ def horned(length: float, nodes: int = 2500, lattice: int = 0) -> Surface:
 
 @pytest.fixture(scope="module")
 def pair():
-    return horned(3.0), horned(11.0, lattice=3)
+    return horned(3.0), horned(12.0, lattice=5)
 
 
 def test_horns_that_grow_are_reached_to_their_ends(pair, monkeypatch):
