@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from growth import LINEAR, growth
+from solids import enclosed_volume
 
 from femors_addon import deckfiles, elements
 from femors_addon.elements import KINDS, abaqus_kind, febio_kind
@@ -20,7 +21,6 @@ from femors_addon.volume import Block, VolumeMesh, carry_mid_nodes
 from femors_addon.volume_quality import (
     VolumeQuality,
     element_volumes,
-    enclosed_volume,
     inverted,
     scaled_jacobians,
 )
