@@ -170,6 +170,8 @@ def _write(
         for note in (*notes, *result.notes):
             console.warn(f"note: {note}")
     console.say(result.summary())
+    for loss in result.losses:
+        console.warn(f"WARNING: {loss}")
     state = "nothing was moved" if result.untouched else "the best state is written"
     for reason in result.reasons:
         console.warn(f"not reached: {reason}; {state}")

@@ -7,36 +7,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-
-
-class Layout:
-    """Takes down what is drawn, and how."""
-
-    def __init__(self):
-        self.said, self.buttons = [], []
-
-    def row(self, **options):
-        return self
-
-    column = split = box = row
-
-    def label(self, text="", icon="NONE"):
-        self.said.append(text or icon)
-
-    def prop(self, data, name, **options):
-        self.buttons.append(name)
-
-    def separator(self, **options):
-        self.said.append("---")
-
-
-def sidebar(width: float, scale: float = 1.0):
-    """A context whose region is as wide as this."""
-    return SimpleNamespace(
-        region=SimpleNamespace(width=width),
-        scene=bpy.context.scene,
-        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=scale)),
-    )
+from drawn import Layout, sidebar
 
 
 @pytest.mark.parametrize(("width", "scale", "little"), [(200, 1, True), (280, 1, False), (280, 2, True)])
