@@ -28,9 +28,9 @@ from .panels import FemorsPanel, draw_own_job
 
 BODY, BODY_NARROW = 0.55, 0.45
 """Of the width of the list of bodies: their names."""
-LINE = 0.65
+LINE = 0.6
 """Height of each of the two names: for the mouse a row of a list is one line high."""
-ROWS = 6
+ROWS = 5
 """Of the table of pairs, before it is scrolled."""
 SHOWN = 12
 """Bodies that the panel lists."""
