@@ -11,7 +11,7 @@ from typing import Any
 
 from . import cli_bodies, cli_convert, deckfiles, files
 from .bodies import Body
-from .commandline import Console, add_settings, check_paths, settings_of
+from .commandline import FOLDER, Console, add_settings, check_paths, settings_of
 from .deck import Deck
 from .meshfiles import MeshFile
 from .overclosure import OverclosureResult, check_overclosure, remove_overclosure
@@ -42,9 +42,7 @@ STEM stands for all parts of its deck.
 def options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``femors overclosure``."""
     parser.add_argument("sources", metavar="BODY", nargs="+", help=f"files of bodies: {cli_convert.KINDS}")
-    parser.add_argument(
-        "-o", "--out", metavar="OUTDIR", help="folder for the results, under the files' names"
-    )
+    parser.add_argument("-o", "--out", metavar="OUTDIR", help=FOLDER)
     parser.add_argument(
         "--rigid",
         metavar="NAME",
@@ -172,6 +170,8 @@ def _write(
         for note in (*notes, *result.notes):
             console.warn(f"note: {note}")
     console.say(result.summary())
+    for loss in result.losses:
+        console.warn(f"WARNING: {loss}")
     state = "nothing was moved" if result.untouched else "the best state is written"
     for reason in result.reasons:
         console.warn(f"not reached: {reason}; {state}")
@@ -211,11 +211,9 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
     if args.out is None or args.check:
         return []
     folder = Path(args.out)
-    if folder.exists() and not folder.is_dir():
-        raise FemorsError(f"{folder}: is a file; -o takes a folder")
+    files.check_folder(folder)
     paths = [folder / Path(path).name for path in args.sources]
     check_paths(args.sources, paths)
-    files.check_folder(folder)
     if folder.exists():
         files.check_writable(*paths)
     return paths

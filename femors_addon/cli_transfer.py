@@ -15,7 +15,7 @@ import numpy as np
 
 from . import cli_convert, deckfiles, files, keptfield, landmarkfiles, landmarks
 from .carry import Carrier
-from .commandline import Console, add_settings, check_paths, settings_of
+from .commandline import FOLDER, Console, add_settings, check_paths, settings_of
 from .deck import Deck
 from .landmarkfiles import Landmarks
 from .mesh import Float, Int, Surface
@@ -49,9 +49,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         help=f"meshes and decks ({cli_convert.KINDS}); landmarks: {landmarkfiles.MARKS}",
     )
-    parser.add_argument(
-        "-o", "--out", metavar="OUTDIR", required=True, help="a folder; outputs keep the inputs' names"
-    )
+    parser.add_argument("-o", "--out", metavar="OUTDIR", required=True, help=FOLDER)
     parser.add_argument(
         "--project", metavar="TARGET", help="lay what is carried onto the surface of this mesh"
     )
@@ -85,8 +83,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
             deckfiles.suffix_of(path)
     if args.report is not None:
         check_ending(args.report)
-    if os.path.exists(args.out) and not os.path.isdir(args.out):
-        raise FemorsError(f"{args.out}: is a file; a folder is needed")
     files.check_folder(args.out)
     fresh = not os.path.exists(args.out)  # it is made with the rest
     files.check_writable(*(path for path in others if not (fresh and Path(path).parent == Path(args.out))))

@@ -22,6 +22,8 @@ from .progress import FemorsError, Progress, silent
 from .settings import Spec, check, specs
 
 Settings = TypeVar("Settings")
+FOLDER = "a folder, made where it is missing; outputs keep the inputs' names"
+"""What is said of ``-o OUTDIR``."""
 
 
 class Parser(argparse.ArgumentParser):

@@ -94,6 +94,8 @@ def check_folder(folder: Location) -> None:
     if "\0" in os.fspath(folder):
         raise FemorsError(f"{os.fspath(folder)!r}: is not a file name")
     there = Path(os.path.realpath(folder))
+    if there.exists() and not there.is_dir():
+        raise FemorsError(f"{folder}: is a file; name a folder")
     while not there.exists():
         there = there.parent
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):

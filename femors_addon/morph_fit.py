@@ -15,6 +15,7 @@ REACH = 0.002  # of the target's size: a fit is reached when 99 % of both surfac
 # edge and this
 LARGE_FACE = 2.0  # mean areas of the morphed faces: the middle of a target's face is asked for, too
 ROUNDED = 1e-9  # of the size: no distance at all
+WHOLE, PARTLY = 99.0, 50.0  # percent that must be near: of each surface, and of a partial mesh's nodes
 OPEN, CLOSED = 0.2, 0.05  # sizes: how long the border of an open mesh is at least, of a closed one at most
 DRAWN_OUT = 1.35  # times as much one way as another: whole femora 1.21, 0.7 of one onto a whole 1.46
 
@@ -98,23 +99,36 @@ def verdict(
     if weighted:
         return True, "done, as far as the weights let the source move"
     limit = edge + REACH * size
-    asked, name = (99.0, "99 %") if settings.partial == "none" else (50.0, "half")
-    gaps: list[tuple[float, str, str, Float]] = []
-    if settings.partial == "source":
-        gaps.append((_percentile(around, asked), "the result", "the target's nodes around it", around))
-    if settings.partial == "none":
-        gaps.append((_percentile(to_target, asked), "the result", "the target", to_target))
-    if settings.partial != "source":
-        gaps.append((_percentile(from_target, asked), "the target", "the result", from_target))
+    if settings.partial != "none":
+        source = settings.partial == "source"
+        here, there = (
+            ("the result's nodes", "the target's nodes around them")
+            if source
+            else ("the target's nodes", "the result's surface")
+        )
+        return _shared(around if source else from_target, limit, size, here, there)
+    gaps = [
+        (_percentile(to_target, WHOLE), "the result", "the target", to_target),
+        (_percentile(from_target, WHOLE), "the target", "the result", from_target),
+    ]
     gap, here, there, away = max(gaps, key=lambda entry: entry[0])
     gap = gap if gap > ROUNDED * size else 0.0  # rounding is nothing to report
     if gap > limit:
-        share = min(100.0 * np.mean(away <= limit), asked - 0.1)
-        short = f"{share:.1f} % of {here} is within {limit:.3g} of {there}, where {name} should be"
-        return False, f"not converged: {short} ({name} is within {gap:.3g})"
-    if settings.partial != "none":
-        return True, f"converged over the shared part: half of {here} is within {gap:.3g} of {there}"
+        share = min(100.0 * np.mean(away <= limit), WHOLE - 0.1)
+        short = f"{share:.1f} % of {here} is within {limit:.3g} of {there}, where 99 % should be"
+        return False, f"not converged: {short} (99 % is within {gap:.3g})"
     return True, f"converged: 99 % of each surface is within {gap:.3g} of the other"
+
+
+def _shared(away: Float, limit: float, size: float, here: str, there: str) -> tuple[bool, str]:
+    """Whether half of a partial mesh's nodes is near enough, and how many are."""
+    gap = _percentile(away, PARTLY)
+    gap = gap if gap > ROUNDED * size else 0.0
+    share = 100.0 * float(np.mean(away <= limit)) if len(away) else 100.0
+    share = min(share, PARTLY - 0.1) if gap > limit else max(np.floor(10.0 * share) / 10.0, PARTLY)
+    measured = f"{share:.1f} % of {here} are within {limit:.3g} of {there}, where half should be"
+    start = "not converged:" if gap > limit else "converged over the shared part:"
+    return gap <= limit, f"{start} {measured} (half are within {gap:.3g})"
 
 
 def part_of_whole(

@@ -26,6 +26,7 @@ from .volume_quality import VolumeQuality
 if TYPE_CHECKING:
     from .effort import Effort
 
+LOST = 0.1  # of its volume: a body that lost more is told, with a certificate too
 SAMPLE = 100  # nodes of a body at which its thickness is measured
 RAY = 2.5  # mean thicknesses: how far the other side is looked for
 
@@ -182,6 +183,20 @@ def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
         held=len(solid.held),
         folded=folded,
     )
+
+
+def losses_of(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str]:
+    """Tell which bodies have lost much of their volume, and how much: no certificate speaks of that."""
+    told = []
+    for body, solid in zip(bodies, solids, strict=True):
+        before, after = body.volume
+        if before > 0 and not solid.open_edges and before - after > LOST * before:  # a sheet has no volume
+            share = 100.0 * (before - after) / before
+            told.append(
+                f"'{body.name}' has lost {share:.0f} % of its volume ({before:.4g} to {after:.4g}): are the "
+                "bodies in their places, and does the right one give way?"
+            )
+    return told
 
 
 def _shape(surface: Surface) -> tuple[Stat, Stat, float]:

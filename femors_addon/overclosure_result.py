@@ -16,7 +16,7 @@ from .crew import together
 from .cutouts import Region
 from .findings import CONTAINED, NEAR, Finding
 from .intersect import crossings
-from .overclosure_figures import BodyResult, figures_of
+from .overclosure_figures import BodyResult, figures_of, losses_of
 from .overclosure_settings import OverclosureSettings
 from .progress import counted
 
@@ -59,6 +59,8 @@ class OverclosureResult:
         Largest spread of a field: farther than three of it from contact nothing moved.
     notes : tuple of str
         What was mended for the maths, and what else the user should know.
+    losses : tuple of str
+        Which bodies have lost much of their volume, certified or not.
     seconds : float
         CPU time, figures included.
     solve_seconds : float
@@ -74,6 +76,7 @@ class OverclosureResult:
     history: tuple[Step, ...]
     spread: float
     notes: tuple[str, ...]
+    losses: tuple[str, ...] = ()
     seconds: float = 0.0
     solve_seconds: float = 0.0
 
@@ -113,7 +116,7 @@ class OverclosureResult:
             "history": [dataclasses.asdict(step) for step in self.history],
             "iterations": len(self.history),
             "spread": self.spread,
-            "warnings": list(self.notes),
+            "warnings": [*self.losses, *self.notes],
             "cpu_seconds": round(self.seconds, 3),
             "solve_cpu_seconds": round(self.solve_seconds, 3),
         }
@@ -170,6 +173,7 @@ def result_of(
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
         notes=(*notes, *_folds(bodies), *_changes(bodies, solids)),
+        losses=tuple(losses_of(bodies, solids)),
     )
 
 

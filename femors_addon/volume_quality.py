@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .elements import Kind
 from .mesh import Float, Int
-from .volume import Polygons, VolumeMesh
+from .volume import VolumeMesh
 
 CHUNK = 40_000  # elements at a time: temporaries that stay in the cache
 
@@ -42,17 +42,6 @@ def scaled_jacobians(mesh: VolumeMesh) -> Float:
 def inverted(mesh: VolumeMesh) -> Int:
     """Return (k,) indices of the solid elements whose scaled Jacobian is not positive."""
     return np.flatnonzero(scaled_jacobians(mesh) <= 0.0).astype(np.int32)
-
-
-def enclosed_volume(nodes: Float, polygons: Polygons) -> float:
-    """Return the volume that polygons enclose, those of four corners being bilinear patches."""
-    centre = nodes[polygons.nodes].mean(axis=0) if len(polygons.nodes) else np.zeros(3)
-    ends = np.cumsum(polygons.sizes)
-    total = 0.0
-    for size in (3, 4):
-        mine = ends[polygons.sizes == size, None] - size + np.arange(size)
-        total += float(_flux(nodes[polygons.corners[mine]] - centre).sum())
-    return total
 
 
 @dataclasses.dataclass(frozen=True)

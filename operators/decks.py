@@ -48,7 +48,17 @@ class DeckOperator:
         return {"CANCELLED"}
 
 
-class FEMORS_OT_import_deck(DeckOperator, bpy.types.Operator, ImportHelper):
+class ObjectMaker(DeckOperator):
+    """Mix-in of what makes objects."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Objects are made in Object Mode."""
+        cls.poll_message_set("Leave Edit Mode or painting first")
+        return context.mode == "OBJECT"
+
+
+class FEMORS_OT_import_deck(ObjectMaker, bpy.types.Operator, ImportHelper):
     """Read a finite-element model (Abaqus, FEBio, Nastran, VTK, Gmsh): one object for each of its parts"""
 
     bl_idname = "femors.import_deck"
@@ -70,12 +80,6 @@ class FEMORS_OT_import_deck(DeckOperator, bpy.types.Operator, ImportHelper):
     filter_glob: bpy.props.StringProperty(
         name="Filter", description="Which files are shown", default=GLOB, options={"HIDDEN"}
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Objects are made in Object Mode."""
-        cls.poll_message_set("Leave Edit Mode or painting first")
-        return context.mode == "OBJECT"
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for a file, unless it was dropped."""

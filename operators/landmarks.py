@@ -13,7 +13,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from ..femors_addon.progress import FemorsError, counted
 from ..femors_addon.transfer_settings import AxesSettings
 from . import marks, scene
-from .decks import DeckOperator
+from .decks import DeckOperator, ObjectMaker
 from .lazy import np
 from .props import ARGUMENT, add_properties, setting_properties
 
@@ -23,7 +23,7 @@ GLOB = ";".join(f"*{ending}" for ending in ENDINGS)
 
 
 @add_properties(setting_properties(AxesSettings, flags=ARGUMENT))
-class FEMORS_OT_import_landmarks(DeckOperator, bpy.types.Operator, ImportHelper):
+class FEMORS_OT_import_landmarks(ObjectMaker, bpy.types.Operator, ImportHelper):
     """Read landmarks from a CSV file or one of 3D Slicer: an empty for each, in a collection"""
 
     bl_idname = "femors.import_landmarks"
@@ -44,12 +44,6 @@ class FEMORS_OT_import_landmarks(DeckOperator, bpy.types.Operator, ImportHelper)
     collection: bpy.props.StringProperty(
         name="Collection", description="Its name; empty for that of the file", options={"SKIP_SAVE"}
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Objects are made in Object Mode."""
-        cls.poll_message_set("Leave Edit Mode or painting first")
-        return context.mode == "OBJECT"
 
     def run(self, context: bpy.types.Context) -> tuple[str, str]:
         """Read the file, then make the empties."""

@@ -192,7 +192,8 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
 
         moved = sum(1 for body in result.bodies if body.moved)
         line = f"{result.certificate}; {moved} of {len(result.bodies)} bodies moved{note}"
-        faults = [*(text for text in result.notes if text != MISSING), *self._notes]
+        notes = (text for text in result.notes if text != MISSING)
+        faults = [*result.losses, *notes, *self._notes]
         return ("WARNING" if faults or not result.certified else "INFO"), "; ".join([line, *faults])
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from femors_addon.mesh import Surface
-from femors_addon.volume import Block, VolumeMesh
+from femors_addon.volume import Block, Polygons, VolumeMesh
 
 
 def sphere(subdivisions: int = 3, radius: float = 10.0, centre=(0.0, 0.0, 0.0)) -> Surface:
@@ -91,6 +91,18 @@ def gaps(points: np.ndarray, surface: Surface) -> np.ndarray:
         winding = np.arctan2(top, low).sum() / (2 * np.pi)
         out[row] = np.sqrt(best.min()) * (-1.0 if winding > 0.5 else 1.0)
     return out
+
+
+def enclosed_volume(nodes: np.ndarray, polygons: Polygons) -> float:
+    """The volume within polygons, a bilinear patch of four corners being the mean of its two cuts."""
+    cuts: list[tuple[int, ...]] = []
+    shares, start = [], 0
+    for size in polygons.sizes.tolist():
+        a, b, c, *d = polygons.corners[start : start + size].tolist()
+        cuts += [(a, b, c)] if size == 3 else [(a, b, c), (a, c, *d), (a, b, *d), (b, c, *d)]
+        shares += [1.0] if size == 3 else [0.5] * 4
+        start += size
+    return float(np.linalg.det(nodes[np.array(cuts)]) @ shares) / 6.0
 
 
 def crosses(one: Surface, two: Surface) -> bool:

@@ -104,6 +104,26 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_work(folder, field, cap
         assert "file/out: cannot be made" in refused(capsys, *argv, "-o", "file/out")
 
 
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["morph", "a.obj", "b.obj", "-o", "none/o.obj"],
+        ["morph", "a.obj", "b.obj", "-o", "o.obj", "--field", "none/f.npz"],
+        ["convert", "a.obj", "-o", "none/o.stl"],
+        ["quality", "a.obj", "--report", "none/r.json"],
+        ["landmarks", "a.obj", "b.obj", "m.csv", "-o", "none/o.csv"],
+        ["overclosure", "a.obj", "b.obj", "-o", "new", "--report", "none/r.json"],
+        ["transfer", "f.npz", "a.obj", "-o", "new", "--table", "none/t.csv"],
+    ],
+)
+def test_only_a_folder_that_is_asked_for_is_made(folder, capsys, argv):
+    """`-o OUTDIR` makes one; a file in a missing folder is refused in the same words everywhere."""
+    Path("m.csv").write_text("a,1,2,3\n")
+    before = sorted(folder.rglob("*"))
+    assert f"there is no folder {folder / 'none'}; make it first" in refused(capsys, *argv)
+    assert sorted(folder.rglob("*")) == before
+
+
 def test_a_report_may_stand_in_the_folder_that_is_made(folder, field):
     argv = ["transfer", field, "a.obj", "-o", "new", "--report", "new/r.json", "--quiet"]
     assert cli.main(argv) == 0

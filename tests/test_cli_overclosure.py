@@ -39,10 +39,24 @@ def run(*words: object) -> int:
     return main(["overclosure", *map(str, words)])
 
 
+@pytest.mark.parametrize("quiet", [[], ["--quiet"]])
+def test_a_body_that_lost_much_is_named_though_the_exit_code_is_0(folder, capsys, quiet):
+    meshfiles.write(folder / "deep.stl", MeshFile.of(moved(sphere(2), (13, 1, 2))))
+    files = (folder / "one.stl", folder / "deep.stl", "--rigid", "one", "-o", folder / "out")
+    assert run(*files, "--report", folder / "r.json", *quiet) == 0
+    (line,) = (line for line in capsys.readouterr().err.splitlines() if "WARNING" in line)
+    report = json.loads((folder / "r.json").read_text())
+    volume = report["bodies"][1]["volume"]
+    share = 100 * (1 - volume["after"] / volume["before"])
+    assert share > 10 and line.startswith(f"femors: WARNING: 'deep' has lost {share:.0f} % of its volume (")
+    assert f"femors: WARNING: {report['warnings'][0]}" == line
+
+
 def test_two_files_come_back_apart(folder, capsys):
     out = folder / "out"
     assert run(folder / "one.stl", folder / "two.stl", "-o", out, "--report", folder / "r.json") == 0
-    assert "CERTIFIED" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "CERTIFIED" in said.out and "WARNING" not in said.err
     assert sorted(path.name for path in out.iterdir()) == ["one.stl", "two.stl"]
     report = json.loads((folder / "r.json").read_text())
     assert report["certified"] is True
@@ -183,7 +197,7 @@ def test_what_is_not_reached_is_written_and_told(folder, capsys):
         (["one.stl", "two.stl", "-o", "out", "--rigid", "one", "--rigid", "two"], "every body is rigid"),
         (["one.stl", "none.stl", "-o", "out"], "none.stl"),
         (["one.stl", "two.xyz", "-o", "out"], "not a known kind"),
-        (["one.stl", "two.stl", "-o", "one.stl"], "is a file"),
+        (["one.stl", "two.stl", "-o", "one.stl"], "one.stl: is a file; name a folder"),
         (["one.stl", "two.stl", "-o", "."], "is also an input"),
     ],
 )

@@ -151,7 +151,7 @@ def test_slicers_files_in_the_other_axes(files, capsys):
         (["marks.csv", "site.stl", "-o", "out"], "not a field file"),
         (["cut.npz", "site.stl", "-o", "out"], "cut short"),
         (["newer.npz", "site.stl", "-o", "out"], "newer FEMORS"),
-        (["f.npz", "site.stl", "-o", "marks.csv"], "is a file; a folder is needed"),
+        (["f.npz", "site.stl", "-o", "marks.csv"], "marks.csv: is a file; name a folder"),
         (["f.npz", "site.stl", "-o", "."], "also an input"),
         (["f.npz", "site.stl", "site.stl", "-o", "out"], "two outputs"),
         (["f.npz", "notes.txt", "-o", "out"], "not a known kind"),

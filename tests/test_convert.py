@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refused, run
+from solids import enclosed_volume
 
 from femors_addon import cli_morph, deckfiles, meshfiles
 from femors_addon.meshfiles import MeshFile
 from femors_addon.morph import MorphResult
 from femors_addon.morph_settings import MorphSettings
-from femors_addon.volume_quality import enclosed_volume, scaled_jacobians
+from femors_addon.volume_quality import scaled_jacobians
 
 KNEE = Path(os.environ.get("FEMORS_DATA", Path(__file__).parent.parent.parent / "shared" / "data")) / "knee"
 needs_knee = pytest.mark.skipif(not KNEE.is_dir(), reason=f"there is no {KNEE}")

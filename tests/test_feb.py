@@ -14,7 +14,7 @@ from femors_addon import deckfiles
 from femors_addon.deck import Deck
 from femors_addon.progress import FemorsError
 
-pytestmark = pytest.mark.filterwarnings("ignore:string or file could not be read:DeprecationWarning")
+pytestmark = pytest.mark.filterwarnings("error::DeprecationWarning")
 
 FEB = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <febio_spec version="4.0">

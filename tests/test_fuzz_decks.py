@@ -18,7 +18,6 @@ from femors_addon import deckfiles
 from femors_addon.progress import FemorsError
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:string or file could not be read:DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::RuntimeWarning:meshio"),
     pytest.mark.filterwarnings("ignore::DeprecationWarning:meshio"),
 ]

@@ -15,7 +15,7 @@ from femors_addon import deckfiles
 from femors_addon.progress import FemorsError
 
 KNEE = Path(os.environ.get("FEMORS_DATA", Path(__file__).parent.parent.parent / "shared" / "data")) / "knee"
-pytestmark = pytest.mark.filterwarnings("ignore:string or file could not be read:DeprecationWarning")
+pytestmark = pytest.mark.filterwarnings("error::DeprecationWarning")
 DECKS = sorted(KNEE.glob("*.inp"))
 
 

@@ -12,10 +12,12 @@ from decktexts import ASSEMBLY, TETS, deck_of, refused
 from hypothesis import given
 from hypothesis import strategies as st
 
-from femors_addon import deckfiles
+from femors_addon import deckfiles, inp_table
 from femors_addon.fields import number
 from femors_addon.inp_write import replaced
 from femors_addon.progress import FemorsError
+
+pytestmark = pytest.mark.filterwarnings("error::DeprecationWarning")
 
 
 # --- refusals -------------------------------------------------------------------------------------
@@ -41,6 +43,7 @@ from femors_addon.progress import FemorsError
         ("      5,  1 ,", "      5,  1 ,1,2,3,4,5,6,", ("line 11", "not 10 values")),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, x, 4\n", ("line 13", "a whole number was expected, not 'x'")),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, , 4\n", ("line 13", "a whole number was expected, not ''")),
+        ("1, 1, 2, 3, 4\n", f"1, 1, 2, {10**19}, 4\n", ("line 13", "a whole number was expected")),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, 3.0, 4\n", ("line 13", "a whole number was expected, not '3.0'")),
         ("TYPE=C3D4, ", "", ("line 12", "needs TYPE=")),
         ("TYPE=C3D4", "TYPE=C3D27", ("no elements with a surface", "C3D27")),
@@ -58,6 +61,18 @@ from femors_addon.progress import FemorsError
 def test_faults_are_named_with_their_line(tmp_path, old, new, words):
     assert old in TETS
     refused(tmp_path, TETS.replace(old, new, 1), *words)
+
+
+@pytest.mark.parametrize("chunk", [1, 3, 1000])
+def test_a_field_that_is_no_number_is_left_to_who_knows_the_line(monkeypatch, chunk):
+    monkeypatch.setattr(inp_table, "CHUNK", chunk)
+    assert inp_table.parsed(b"", np.float64).tolist() == []
+    assert inp_table.parsed(b"1, -2.5e1 ,\t.5", np.float64).tolist() == [1.0, -25.0, 0.5]
+    assert inp_table.parsed(b"1, -2\r,+3", np.int64).tolist() == [1, -2, 3]
+    for text in (b"1,,2", b",1", b"1,", b"1, ", b"1,2 3", b"1,1_0", b"1,x", b"1,1e", b"1,1.2.3", b"1,0x1"):
+        assert inp_table.parsed(text, np.float64) is None, text
+    for text in (b"1,2.0", b"1,2-3", b"1,1_0", b"1,", b"1,%d" % 10**19):
+        assert inp_table.parsed(text, np.int64) is None, text
 
 
 def test_files_that_are_no_decks(tmp_path):

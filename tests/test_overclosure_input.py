@@ -279,11 +279,25 @@ def test_a_body_that_is_changed_by_more_than_half_is_told():
     one, two = result.bodies
     assert two.xor > 0.5
     assert f"two: what the removal took away and added is {two.xor:.0%} {words}" in result.notes
-    assert result.report()["warnings"] == list(result.notes)
+    assert result.report()["warnings"] == [*result.losses, *result.notes]
     assert not any(note.startswith("one:") for note in result.notes) and one.xor == 0
     result = remove_overclosure(pair())
     assert max(body.xor for body in result.bodies) < 0.5
     assert not any(words in note for note in result.notes)
+
+
+def test_what_has_lost_more_than_a_tenth_is_told_with_a_certificate_too():
+    result = remove_overclosure(pair((13.0, 1.0, 2.0), one=0.0))
+    before, after = result.bodies[1].volume
+    assert result.certified and 0.1 < (before - after) / before < 0.3
+    (told,) = result.losses
+    assert told.startswith(f"'two' has lost {100 * (1 - after / before):.0f} % of its volume (")
+    for near in (remove_overclosure(pair((16.0, 1.0, 2.0), one=0.0)), remove_overclosure(pair((30.0, 0, 0)))):
+        assert near.certified and not near.losses
+    ball = sphere(3)
+    half = Surface(ball.vertices, ball.faces[ball.vertices[ball.faces][:, :, 0].max(axis=1) < 1e-9])
+    opened = remove_overclosure([Body("ball", sphere(3, 8.0, (-12.0, 0.0, 0.0)), 0.0), Body("half", half)])
+    assert opened.bodies[1].moved and not opened.losses, "what is open has no volume"
 
 
 def test_a_gap_in_another_unit_is_refused_where_it_would_move_a_body():

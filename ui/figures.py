@@ -24,6 +24,10 @@ SHAPE = (
 """The distance from the target first: the other is nothing where vertices are laid onto the target."""
 WORDS = {"median": "median", "p99": "99 %", "maximum": "max"}
 MARGINS = 80  # pixels of a sidebar beside a sentence and its icon, in a box or not, at scale 1
+FIGURE = 2.4
+"""Width of a column of numbers, in Blender's units of 20 pixels."""
+NARROW = 240
+"""Pixels of a sidebar at scale 1: below it some columns of tables are left out; Blender opens it at 280."""
 COUNTS = (("Flipped faces", "flipped"), ("Self-intersecting", "self_intersecting"))
 UNITS = {
     "KILOMETERS": (1e3, "km"),
@@ -136,6 +140,11 @@ def _draw_elements(layout: bpy.types.UILayout, elements: dict[str, Any]) -> None
         draw_row(box, "    " + word, f"{before[key]:.3f}", f"{after[key]:.3f}")
 
 
+def narrow(context: bpy.types.Context) -> bool:
+    """Whether the region has no room for all columns of a table."""
+    return context.region.width < NARROW * context.preferences.system.ui_scale
+
+
 def draw_sentence(
     layout: bpy.types.UILayout, context: bpy.types.Context, sentence: str, icon: str = "NONE"
 ) -> None:
@@ -161,6 +170,14 @@ def draw_beside(heading: bpy.types.UILayout, scrolled: bool) -> None:
     beside = heading.row()
     beside.ui_units_x = 1.4 if scrolled else 0.3
     beside.label(text="")
+
+
+def draw_figure(layout: bpy.types.UILayout, text: str) -> None:
+    """Draw the last column of a table, a number of `fixed` or its head, as wide as these are and no wider."""
+    cell = layout.row()
+    cell.ui_units_x = FIGURE
+    cell.alignment = "RIGHT"
+    cell.label(text=text)
 
 
 def draw_row(

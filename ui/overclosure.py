@@ -12,15 +12,25 @@ from ..femors_addon.settings import specs
 from ..operators import bodies, dependencies
 from ..operators.job import JobOperator
 from ..operators.overclosure import gap
-from .figures import draw_beside, draw_row, draw_sentence, fixed, length_unit, number, parsed
+from .figures import (
+    draw_beside,
+    draw_figure,
+    draw_row,
+    draw_sentence,
+    fixed,
+    length_unit,
+    narrow,
+    number,
+    parsed,
+)
 from .overclosure_figures import draw_removal
 from .panels import FemorsPanel, draw_own_job
 
-BODY = 0.55
+BODY, BODY_NARROW = 0.55, 0.45
 """Of the width of the list of bodies: their names."""
-NAMES = 0.6
-"""Of the width of the table of pairs."""
-ROWS = 6
+LINE = 0.6
+"""Height of each of the two names: for the mouse a row of a list is one line high."""
+ROWS = 5
 """Of the table of pairs, before it is scrolled."""
 SHOWN = 12
 """Bodies that the panel lists."""
@@ -37,12 +47,20 @@ class FEMORS_UL_pairs(bpy.types.UIList):
         """Draw a row; a tick says whether the pair counts."""
         factor, _ = length_unit(context.scene.unit_settings)
         row = layout.row(align=True)
-        tick = "CHECKBOX_DEHLT" if item.exclude else "CHECKBOX_HLT"
-        row.prop(item, "exclude", text="", icon=tick, emboss=False)
+        if not narrow(context):  # else the names have the room; both are below the table too
+            tick = "CHECKBOX_DEHLT" if item.exclude else "CHECKBOX_HLT"
+            row.prop(item, "exclude", text="", icon=tick, emboss=False)
         cells = row.row(align=True)
         cells.active = not item.exclude
-        depth = fixed(factor * item.depth) if item.depth > 0 else "-"
-        _cells(cells, (item.one, item.two), depth, ICONS.get(item.state, "BLANK1"))
+        names = cells.column(align=True)
+        for name in (item.one, item.two):
+            line = names.row()
+            line.scale_y = LINE
+            line.label(text=name)
+        names.separator(factor=0.5)
+        if not narrow(context):
+            draw_figure(cells, fixed(factor * item.depth) if item.depth > 0 else "-")
+        cells.label(text="", icon=ICONS.get(item.state, "BLANK1"))
 
     def filter_items(self, context, data, name):
         """Keep the order; find a body by its name."""
@@ -118,8 +136,13 @@ class FEMORS_PT_overclosure_pairs(FemorsPanel, bpy.types.Panel):
         column = layout.column(align=True)
         heading = column.row(align=True)
         heading.scale_y = 0.7
-        heading.label(text="", icon="BLANK1")
-        _cells(heading, ("Pair",), "Depth", "BLANK1")
+        if narrow(context):
+            heading.label(text="Pair")
+        else:
+            heading.label(text="", icon="BLANK1")
+            heading.label(text="Pair")
+            draw_figure(heading, "Depth")
+            heading.label(text="", icon="BLANK1")
         draw_beside(heading, len(form.pairs) > ROWS)
         column.template_list(
             FEMORS_UL_pairs.bl_idname,
@@ -188,13 +211,14 @@ def draw_bodies(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if not items:
         return
     box = layout.box().column(align=True)
-    heading = box.split(factor=BODY, align=True)
+    little = narrow(context)
+    heading = box.split(factor=BODY_NARROW if little else BODY, align=True)
     heading.scale_y = 0.7
     heading.label(text="Body")
-    heading.label(text="Gives way by")
+    heading.label(text="Gives" if little else "Gives way by")
     for item in items[:SHOWN]:
-        split = box.split(factor=BODY, align=True)
-        split.label(text=item.name, icon="MESH_DATA")
+        split = box.split(factor=BODY_NARROW if little else BODY, align=True)
+        split.label(text=item.name, icon="NONE" if little else "MESH_DATA")
         role = split.row(align=True)
         if bodies.is_linked(item):
             role.label(text="Rigid (linked)", icon="LINKED")
@@ -224,26 +248,13 @@ def draw_pair(layout: bpy.types.UILayout, context: bpy.types.Context, pair: Any)
         lines += [("Shared volume", number(factor**3 * pair.shared), cubed)] if pair.shared > 0 else []
         for words, value, its_unit in lines:
             draw_row(box, words + its_unit, value, factor=0.68)
-    box.prop(pair, "exclude", text="May overlap (excluded)")
-    row = box.row(align=True)
+    box.prop(pair, "exclude", text="May overlap" if narrow(context) else "May overlap (excluded)")
+    row = box.split(factor=0.6, align=True)
     row.active = not pair.exclude
     row.prop(pair, "own_gap")
     value = row.row(align=True)
     value.enabled = pair.own_gap
     value.prop(pair, "gap", text="")
-
-
-def _cells(layout: bpy.types.UILayout, names: tuple[str, ...], depth: str, icon: str) -> None:
-    """Draw a row of the table of pairs, the two names one below the other."""
-    split = layout.split(factor=NAMES, align=True)
-    column = split.column(align=True)
-    column.scale_y = 0.55 if len(names) > 1 else 0.7  # a list's rows are one line high for the mouse
-    for name in names:
-        column.label(text=name)
-    cell = split.row()
-    cell.alignment = "RIGHT"
-    cell.label(text=depth)
-    layout.label(text="", icon=icon)
 
 
 classes = (

@@ -10,7 +10,7 @@ import bpy
 from ..operators import fields
 from ..operators.job import JobOperator
 from ..operators.lazy import np
-from .figures import draw_beside, draw_row, draw_sentence, fixed, length_unit, number
+from .figures import draw_beside, draw_figure, draw_row, draw_sentence, fixed, length_unit, narrow, number
 from .panels import FemorsPanel, draw_own_job
 
 FIGURES = {
@@ -21,7 +21,7 @@ FIGURES = {
     "spread": ("Spread", "Spread of templates"),
 }
 """Of a landmark: the head of the table's column, and the words below the table."""
-NAMES = 0.74  # of the table's width
+NAMES = 0.74  # of the width of a landmark's figures
 ROWS = 6
 LENGTHS = ("distance", "residual", "projected", "spread")
 
@@ -81,11 +81,9 @@ def figure(mark: Any, name: str, factor: float) -> str:
 
 def draw_cells(layout: bpy.types.UILayout, title: str, text: str) -> None:
     """Draw a name and a figure to the right."""
-    split = layout.split(factor=NAMES, align=True)
-    split.label(text=title)
-    cell = split.row()
-    cell.alignment = "RIGHT"
-    cell.label(text=text)
+    row = layout.row(align=True)
+    row.label(text=title)
+    draw_figure(row, text)
 
 
 class FEMORS_PT_transfer(FemorsPanel, bpy.types.Panel):
@@ -149,19 +147,19 @@ class FEMORS_PT_marks(FemorsPanel, bpy.types.Panel):
         draw_beside(head, len(form.marks) > ROWS)
         layout.template_list("FEMORS_UL_marks", "", form, "marks", form, "mark", rows=ROWS)
         if 0 <= form.mark < len(form.marks):
-            draw_mark(layout, form.marks[form.mark], factor)
+            draw_mark(layout, form.marks[form.mark], factor, narrow(context))
         export = layout.operator("femors.export_landmarks", text="Export Table", icon="EXPORT")
         export.use_table = export.use_figures = True
 
 
-def draw_mark(layout: bpy.types.UILayout, mark: Any, factor: float) -> None:
-    """Draw all figures of a landmark, in words."""
+def draw_mark(layout: bpy.types.UILayout, mark: Any, factor: float, little: bool) -> None:
+    """Draw all figures of a landmark, in words; in those of the table's head where there is little room."""
     box = layout.box().column(align=True)
     box.label(text=mark.name, icon="EMPTY_AXIS")
-    for name, (_, words) in FIGURES.items():
+    for name, (head, words) in FIGURES.items():
         if (name == "spread" and mark.spread < 0) or (name == "projected" and not mark.projected):
             continue  # there were no several templates, or no projection
-        draw_row(box, words, figure(mark, name, factor), factor=NAMES)
+        draw_row(box, head if little else words, figure(mark, name, factor), factor=NAMES)
 
 
 def draw_fields(

@@ -87,7 +87,10 @@ def command_page() -> str:
     """Return the page of all subcommands and their options."""
     text = (
         "`femors` stands for `python -m femors_addon`, or for `blender --command femors`. "
-        "`femors --version` prints the version, `femors COMMAND --help` what is below.\n"
+        "`femors --version` prints the version, `femors COMMAND --help` what is below.\n\n"
+        "`-o OUTDIR` names a folder, which is made where it is missing, with those that it is in. Whatever "
+        "else is written is a file in a folder that is there (or in that OUTDIR): a missing one is refused "
+        "before the work begins, with exit code 2.\n"
     )
     parser = cli._parser("femors")
     for command in cli.COMMANDS:

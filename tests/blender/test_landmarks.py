@@ -57,6 +57,20 @@ def test_axes_are_turned_where_the_file_has_others(empty, core, tmp_path):
     np.testing.assert_allclose(list(places("meshes in RAS").values()), MARKS, atol=1e-6)
 
 
+def test_nothing_comes_in_while_a_mesh_is_edited(pair, core, tmp_path):
+    path = written(core, tmp_path / "marks.csv")
+    bpy.context.view_layer.objects.active = pair[0]
+    for operator in (bpy.ops.femors.import_landmarks, bpy.ops.femors.import_deck):
+        assert operator.poll()
+        bpy.ops.object.mode_set(mode="EDIT")
+        try:
+            assert not operator.poll()
+            with pytest.raises(RuntimeError, match="Leave Edit Mode or painting first"):
+                operator(filepath=path)
+        finally:
+            bpy.ops.object.mode_set(mode="OBJECT")
+
+
 def test_landmarks_of_a_mesh_stay_where_they_are_however_it_stands(pair, core, tmp_path):
     source, _ = pair
     source.location, source.rotation_euler, source.scale = (5, 6, 7), Euler((0.3, 0.2, 1.0)), (2, 1, 0.5)

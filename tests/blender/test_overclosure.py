@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from body_cases import GAP, TRANSFORMS, attribute, ball, base, findings, form, remove, report, seen, triangles
+from drawn import Layout, sidebar
 
 
 # --- check --------------------------------------------------------------------------------------------
@@ -325,3 +326,21 @@ def test_names_in_strings(part):
     assert names.numbers("C=1=0.25;A=1", known, "x") == {"C=1": 0.25, "A": 1.0}
     gaps = {("A", "B"): 0.1, ("A,B", "C=1"): 2e-7}
     assert names.pair_numbers(names.text_of_gaps(gaps), known, "x") == gaps
+
+
+def test_a_body_that_lost_much_is_named_in_the_line_and_in_the_panel(balls, part, monkeypatch):
+    told = []
+    monkeypatch.setattr(
+        part("operators.job").JobOperator, "tell", lambda self, level, line: told.append((level, line))
+    )
+    remove()
+    assert "of its volume" not in told[-1][1]
+    balls[1].location.x -= 0.5
+    bpy.context.view_layer.update()
+    found = remove(rigid="Ball")
+    words = "'Cup' has lost "
+    assert found["certified"] and found["warnings"][0].startswith(words)
+    assert told[-1][0] == "WARNING" and found["warnings"][0] in told[-1][1]
+    layout = Layout()
+    part("ui.overclosure_figures").draw_removal(layout, sidebar(280), found)
+    assert found["warnings"][0] in " ".join(layout.said)
