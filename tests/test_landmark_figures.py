@@ -68,9 +68,9 @@ def test_all_sites_land_on_the_target_nearer_than_the_authors(pair):
         theirs = np.unique(meshfiles.read(PAIR / "sites_authors_morphed" / path.name).vertices, axis=0)
         ours = carrier.carry(nodes).points
         assert np.median(off(after, ours)) <= np.median(off(after, theirs)), path.stem
-        # and as far from the target as it was from the source: 0.004 to 0.021 mm, but 0.052 for one
+        # and as far from the target as it was from the source: 0.005 to 0.024 mm, but 0.049 for one
         apart = np.median(np.abs(off(after, ours) - off(before, nodes)))
-        assert apart < (0.06 if path.stem == "MCL_Super_Post_Region_Fem" else 0.03), path.stem
+        assert apart < (0.05 if path.stem == "MCL_Super_Post_Region_Fem" else 0.03), path.stem
 
 
 @needs_pair
