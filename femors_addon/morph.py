@@ -144,7 +144,7 @@ def morph(
 
 
 def _as_read(result: MorphResult, numbers: Int) -> MorphResult:
-    """Number the field's nodes (c,) as in the mesh that was read; `numbers` are these."""
+    """Number the field's nodes (c,) as in the mesh that was cleaned; `numbers` are these."""
     back, field = np.argsort(numbers), result.field
     return dataclasses.replace(
         result,

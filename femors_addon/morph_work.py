@@ -97,8 +97,8 @@ class Work:
     ) -> Work:
         """Reduce both meshes, number them along a curve, and align the source.
 
-        Which edges collapse goes by the numbers that were read: where a mesh is, and how it is turned, must
-        not change it. So does the curve's order, along the source's own axes.
+        Which edges collapse depends on the order of the vertices. For the source's pose not to change it,
+        that is the order as read, and the curve is laid along the source's own axes.
         """
         progress(0.0, "reduced meshes")
         read, aim = ours.surface, theirs.surface

@@ -193,8 +193,8 @@ def losses_of(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str
         if before > 0 and not solid.open_edges and before - after > LOST * before:  # a sheet has no volume
             share = 100.0 * (before - after) / before
             told.append(
-                f"'{body.name}' has lost {share:.0f} % of its volume ({before:.4g} to {after:.4g}): are the "
-                "bodies in their places, and does the right one give way?"
+                f"'{body.name}' has lost {share:.1f} % of its volume ({before:.4g} to {after:.4g}): "
+                "does the right body give way?"
             )
     return told
 

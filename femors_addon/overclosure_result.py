@@ -242,7 +242,7 @@ def _changes(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str]
         if change is None and before > 0 and not solid.open_edges:  # a sheet has no volume
             change = abs(after - before) / before
         if change is not None and change > MUCH:
-            words = f"what the removal took away and added is {change:.0%} of its volume"
+            words = f"what the removal took away and added is {100.0 * change:.0f} % of its volume"
             notes.append(f"{body.name}: {words}; are the bodies in their places?")
     return notes
 

@@ -20,7 +20,7 @@ waits (15 ms), and of more faces each takes longer: of 200 000 at once twice as 
 
 SHARE = 0.5  # of the faces is left by one pass over the pieces: their seams are coarsened by the next
 
-LEFT = 0.99  # of the faces after a pass: there is no use in another
+LEFT = 1.02  # times as many faces as were wanted: where a pass leaves more, pieces are of no use
 
 GRAIN = 0.3
 """Length of a mean edge inside. What a collapse may cost begins at a fixed length there, 0.0015, and rises
@@ -75,32 +75,34 @@ def reduced(surface: Surface, nodes: int, progress: Progress = silent) -> Surfac
     # faces collapse in their order until there are few enough: in the order of the file the mesh would be
     # coarse at one end and dense at the other
     triangles = surface.faces[random.permutation(len(surface.faces))]
-    axes = np.argsort(low - high)  # the longest first
-    passes = 0
+    axes, passes, rims = np.argsort(low - high), 0, True  # the longest first
     while len(triangles) > faces:
         progress(0.0, "reduced meshes")
         before = len(triangles)
         wanted = max(int(SHARE * before), faces) if before > PIECE else faces
-        points, triangles = _pass(points, triangles, wanted, axes[passes % 3])
+        if rims and before > PIECE:
+            points, triangles = _in_pieces(points, triangles, wanted, axes[passes % 3])
+            rims = len(triangles) <= LEFT * wanted  # else the mesh is mostly borders
+            if rims and wanted == faces:
+                break
+        else:
+            with _alone:
+                points, triangles = fast_simplification.simplify(points, triangles, target_count=wanted)
+            if len(triangles) == before:
+                break  # nothing is left that could be taken away
         passes += 1
-        if len(triangles) > LEFT * before:
-            break  # next to nothing is left that could be taken away
     try:
         return clean(points.astype(np.float64) * scale + centre, triangles, "reduced mesh").surface
     except FemorsError:
         return surface
 
 
-def _pass(points: Float, triangles: Int, faces: int, axis: int) -> tuple[Float, Int]:
+def _in_pieces(points: Float, triangles: Int, faces: int, axis: int) -> tuple[Float, Int]:
     """Return (points, triangles) after collapses down to about `faces` triangles.
 
-    Of a large mesh slabs across an axis collapse one after the other, and what they share stays.
+    Slabs across an axis collapse one after the other, and what they share stays, as does every border.
     """
     count = -(-len(triangles) // PIECE)
-    if count == 1:
-        with _alone:
-            out: tuple[Float, Int] = fast_simplification.simplify(points, triangles, target_count=faces)
-        return out
     place = triples.total(points[:, axis][triangles])
     pieces = np.array_split(np.argsort(place, kind="stable"), count)
     parts, corners, start = [], [], 0

@@ -48,7 +48,7 @@ def test_a_body_that_lost_much_is_named_though_the_exit_code_is_0(folder, capsys
     report = json.loads((folder / "r.json").read_text())
     volume = report["bodies"][1]["volume"]
     share = 100 * (1 - volume["after"] / volume["before"])
-    assert share > 10 and line.startswith(f"femors: WARNING: 'deep' has lost {share:.0f} % of its volume (")
+    assert share > 10 and line.startswith(f"femors: WARNING: 'deep' has lost {share:.1f} % of its volume (")
     assert f"femors: WARNING: {report['warnings'][0]}" == line
 
 

@@ -278,7 +278,7 @@ def test_a_body_that_is_changed_by_more_than_half_is_told():
     result = remove_overclosure(pair((6.0, 0.5, 0.0), one=0.0))
     one, two = result.bodies
     assert two.xor > 0.5
-    assert f"two: what the removal took away and added is {two.xor:.0%} {words}" in result.notes
+    assert f"two: what the removal took away and added is {100 * two.xor:.0f} % {words}" in result.notes
     assert result.report()["warnings"] == [*result.losses, *result.notes]
     assert not any(note.startswith("one:") for note in result.notes) and one.xor == 0
     result = remove_overclosure(pair())
@@ -291,7 +291,7 @@ def test_what_has_lost_more_than_a_tenth_is_told_with_a_certificate_too():
     before, after = result.bodies[1].volume
     assert result.certified and 0.1 < (before - after) / before < 0.3
     (told,) = result.losses
-    assert told.startswith(f"'two' has lost {100 * (1 - after / before):.0f} % of its volume (")
+    assert told.startswith(f"'two' has lost {100 * (1 - after / before):.1f} % of its volume (")
     for near in (remove_overclosure(pair((16.0, 1.0, 2.0), one=0.0)), remove_overclosure(pair((30.0, 0, 0)))):
         assert near.certified and not near.losses
     ball = sphere(3)

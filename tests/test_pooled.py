@@ -64,6 +64,27 @@ def test_who_stops_listening_waits_for_what_has_begun_and_drops_the_rest():
         assert len(done) == count + 4  # and nothing of the others came after
 
 
+def test_jobs_at_once_have_ended_when_a_cancel_is_told():
+    ended: list[int] = []
+
+    def job(progress):
+        try:
+            for _ in range(100):
+                time.sleep(0.02)
+                progress(0.0, "")
+        finally:
+            time.sleep(0.05)
+            ended.append(1)
+
+    def cancel(_fraction, _text):
+        raise Cancelled
+
+    with limits.pooled():
+        with pytest.raises(Cancelled):
+            limits.at_once(job, job, progress=cancel)
+        assert ended == [1, 1]
+
+
 def test_a_part_that_fails_is_told_and_the_threads_stay():
     def work(part: int) -> float:
         return 1 / (part - 2)

@@ -9,6 +9,7 @@ import pytest
 from surfaces import cut, together
 
 from femors_addon import shapes
+from femors_addon.cleaning import clean
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.quality import aspect_ratio
@@ -172,3 +173,27 @@ def test_open_meshes_collapse_in_pieces_too():
     assert len(small.vertices) == pytest.approx(6000, rel=0.02)
     assert euler(small) == 1
     assert small.vertices[small.border, 2] == pytest.approx(bowl.vertices[bowl.border, 2].mean(), abs=0.05)
+
+
+@pytest.mark.parametrize(("missing", "most"), [(0.1, 1600), (0.4, 5500)])
+def test_meshes_that_are_mostly_borders_are_reduced_as_well(missing, most):
+    """What pieces share has to stay, and so does any border: such a mesh kept nearly all of its nodes."""
+    ball = shapes.sphere(6)
+    there = np.random.default_rng(1).random(len(ball.faces)) > missing
+    torn = clean(ball.vertices, ball.faces[there]).surface
+    assert len(reduced(torn, 1500).vertices) < most
+
+
+def test_a_strip_and_a_soup_are_reduced_as_well():
+    one = np.column_stack((np.arange(15_000.0), np.zeros(15_000), np.sin(np.arange(15_000) / 400)))
+    strip = np.concatenate((one, one + (0.0, 1.0, 0.3)))
+    low = np.arange(len(one) - 1)
+    high = low + len(one)
+    faces = np.concatenate(
+        (np.column_stack((low, low + 1, high)), np.column_stack((low + 1, high + 1, high)))
+    )
+    assert len(reduced(clean(strip, faces).surface, 1500).vertices) < 5000
+    ball = shapes.sphere(6)
+    apart = ball.corners + 0.01 * ball.face_normals[:, None] * np.random.default_rng(2).random((81_920, 1, 1))
+    soup = Surface(apart.reshape(-1, 3), np.arange(3 * 81_920, dtype=np.int32).reshape(-1, 3))
+    assert len(reduced(soup, 1500).vertices) < 4500
