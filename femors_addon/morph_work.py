@@ -127,19 +127,19 @@ class Work:
             moved = [Surface(mesh.vertices, mesh.faces[:, ::-1]) for mesh in moved]
             rest = Surface(rest.vertices * [-1.0, 1.0, 1.0], moved[-1].faces)
         weight = settings.landmark_weight if settings.steer else 0.0
-        places = moved, [*targets, target]
         return cls(
-            ours,
-            theirs,
-            numbers,
-            alignment,
-            rest,
-            Reference(moved[-1]),
-            index,
-            *places,
-            target.diagonal,
-            pairs,
-            weight,
+            ours=ours,
+            theirs=theirs,
+            numbers=numbers,
+            alignment=alignment,
+            rest=rest,
+            reference=Reference(moved[-1]),
+            index=index,
+            sources=moved,
+            targets=[*targets, target],
+            size=target.diagonal,
+            pairs=pairs,
+            weight=weight,
         )
 
 

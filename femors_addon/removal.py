@@ -28,9 +28,8 @@ STRIDE = 0.35  # of the thinnest body, where there are more than two: how far on
 STRIDES = 30  # steps that the deepest pair may take to its end, at least as long as it needs for that
 GAINED = 0.4  # of depth or crossings at the start: a state that is not clear and has more is not worth having
 MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
-WIDEST = (
-    0.2  # of the smaller body's size: a gap above it is one in another unit; the note begins at half of it
-)
+WIDEST = 0.2
+"""Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
 THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
 TRIES = 3  # certificates that may fail before the loop gives up
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
