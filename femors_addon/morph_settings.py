@@ -106,9 +106,9 @@ class MorphSettings:
         unit="factor",
         advanced=True,
     )
-    iterations: int = _iterations(24, "Iterations, reduced", "At most so many on the coarsest level")
+    iterations: int = _iterations(16, "Iterations, reduced", "At most so many on the coarsest level")
     fine_iterations: int = _iterations(
-        8, "Iterations, fine", "At most so many on each finer reduced level (or again on the only one)"
+        6, "Iterations, fine", "At most so many on each finer reduced level (or again on the only one)"
     )
     dense_iterations: int = _iterations(1, "Iterations, dense", "At most so many on the dense mesh")
     spread_start: float = setting(
