@@ -113,9 +113,8 @@ class Solid:
             self._owner[on[used]] = self.corner[cleaned.vertex_map[used]]
             self.rest = np.array(body.nodes)
         self.points = self.rest.copy()
-        ends = cleaned.surface.vertices[cleaned.surface.edges]
         self.edge = cleaned.surface.mean_edge
-        self.longest = float(triples.length(ends[:, 0] - ends[:, 1]).max())
+        self.longest = float(cleaned.surface.edge_lengths.max())
         self.held: set[int] = set()
         self.version = 0
         self._begun = None if self.mesh is None else scaled_jacobians(self.mesh)

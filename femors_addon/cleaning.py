@@ -6,12 +6,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from . import triples
+from .crew import in_blocks
 from .mesh import Float, Int, Surface
 from .orientation import oriented
 from .progress import FemorsError, counted
@@ -127,14 +128,18 @@ def _merge(surface: Surface) -> tuple[Int, Int]:
 
 def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:
     """Drop faces with a repeated vertex, of no area, or standing twice."""
-    a, b, c = faces.T
-    corners = positions.take(faces, axis=0)
-    area = triples.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    proper = (a != b) & (b != c) & (c != a)
-    proper &= triples.squared(area) > (1e-12 * triples.longest_squared(corners)) ** 2
-    kept = keep = np.flatnonzero(proper)
+
+    def proper(block: slice) -> NDArray[np.bool_]:
+        a, b, c = faces[block].T
+        corners = positions.take(faces[block], axis=0)
+        area = triples.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        apart = (a != b) & (b != c) & (c != a)
+        return apart & (triples.squared(area) > (1e-12 * triples.longest_squared(corners)) ** 2)
+
+    kept = keep = np.flatnonzero(np.concatenate(in_blocks(proper, len(faces))))
+    a, b, c = faces[keep].T
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    ordered = np.column_stack((low, a + b + c - low - high, high))[keep]
+    ordered = np.column_stack((low, a + b + c - low - high, high))
     if not triples.are_unique(ordered):
         kept = keep[np.sort(triples.unique_rows(ordered)[0])]
     if len(keep) < len(faces):

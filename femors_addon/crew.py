@@ -3,22 +3,24 @@
 
 `limits.in_threads` begins threads for each call and takes blocks of one long piece of work. A removal is
 thousands of pieces of some milliseconds, one within another: here a piece is offered to the others, and
-done by whoever offered it where nobody has taken it by then. So nobody waits for what has not begun, and
-there are never more threads at work than are allowed.
+done by whoever offered it where nobody has taken it by then. Who waits for a piece takes others meanwhile: so
+nobody waits for what has not begun, and there are never more threads at work than are allowed.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import islice
 from typing import Any, TypeVar
 
 from . import limits
 
 R = TypeVar("R")
+T = TypeVar("T")
 Job = Callable[[], R]
 
 BLOCK = 20_000  # rows: some 20 ms of a search
@@ -54,13 +56,14 @@ def crew() -> Iterator[None]:
 def each(jobs: Sequence[Job[R]]) -> Generator[R]:
     """Yield what each job returns, in their order; none may need what another writes.
 
+    Without a crew they go to the threads of `limits.in_threads`.
+
     The consumer may raise, `Cancelled` for instance: jobs that have not begun are dropped, and those that
     have are waited for. The same holds where a job raises.
     """
     mine: _Crew | None = getattr(_here, "crew", None)
     if mine is None or len(jobs) < 2:
-        for job in jobs:
-            yield job()
+        yield from limits.in_threads(lambda job: job(), jobs)
         return
     tasks = [_Task(job) for job in jobs]
     mine.offer(tasks[:0:-1])  # the last is taken first by the others, the first by this thread
@@ -68,7 +71,7 @@ def each(jobs: Sequence[Job[R]]) -> Generator[R]:
         for task in tasks:
             if task is tasks[0] or mine.claim(task):
                 task.run()
-            yield task.outcome()
+            yield mine.outcome(task)
     finally:
         for task in tasks[1:]:
             if not mine.claim(task):
@@ -78,6 +81,19 @@ def each(jobs: Sequence[Job[R]]) -> Generator[R]:
 def together(jobs: Sequence[Job[R]]) -> list[R]:
     """Return what each job returns; see `each`."""
     return list(each(jobs))
+
+
+def over(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
+    """Yield what the work returns for each part, in order: with the crew, or in threads without one.
+
+    Parts may be endless or large: no more are begun than `limits.AHEAD` for each thread.
+    """
+    if getattr(_here, "crew", None) is None:
+        yield from limits.in_threads(work, parts)
+        return
+    parts = iter(parts)
+    while some := list(islice(parts, limits.AHEAD * limits.Limits.threads)):
+        yield from each([partial(work, part) for part in some])
 
 
 def in_blocks(work: Callable[[slice], R], count: int) -> list[R]:
@@ -146,6 +162,24 @@ class _Crew:
         """Take what was offered last, if anything is; call with `changed` held."""
         return self._offers.pop() if self._offers else None
 
+    def do(self, task: _Task) -> None:
+        """Run a task that somebody else may wait for."""
+        task.run()
+        with self.changed:
+            self.changed.notify_all()
+
+    def outcome(self, task: _Task) -> Any:
+        """Return what a task has given, and do meanwhile what others offer: parts of that task, often."""
+        while not task.done.is_set():
+            with self.changed:
+                other = self.take()
+                while other is None and not task.done.is_set():
+                    self.changed.wait()
+                    other = self.take()
+            if other is not None:
+                self.do(other)
+        return task.outcome()
+
     def serve(self) -> None:
         """Work on what is offered until the crew is closed; then nobody waits for what is left."""
         _here.crew = self
@@ -157,7 +191,7 @@ class _Crew:
                 task = self.take() if self._open else None
             if task is None:
                 return
-            task.run()
+            self.do(task)
 
     def close(self) -> None:
         """Send the threads home; what nobody has taken is dropped."""
@@ -187,7 +221,7 @@ class _Order:
                     task = mine.take()
             if task is None:
                 break
-            task.run()
+            mine.do(task)
         return [task.outcome() for task in self._tasks]
 
     def _run(self, number: int, job: Job[R]) -> R | None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from . import triples
 from .balls import Balls, Index, Search, overlapping, searches, size_classes
-from .limits import in_threads
+from .crew import over
 from .mesh import Float, Int, Surface
 from .progress import Progress, silent
 
@@ -70,7 +70,7 @@ def piercings(a: Surface, b: Surface) -> Piercings:
         return out
 
     found = [(np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int64), np.empty(0))]
-    for some in in_threads(test, searches(a, b)):
+    for some in over(test, searches(a, b)):
         found += some
     ends, face, t = (np.concatenate(column) for column in zip(*found, strict=True))
     n = len(a.vertices)
@@ -95,7 +95,7 @@ def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
         return np.concatenate(out)
 
     found = [np.empty((0, 2), dtype=np.int64)]
-    for some in in_threads(test, searches(a, b)):
+    for some in over(test, searches(a, b)):
         progress(0.5, "crossing faces")
         found.append(some)
     pairs = np.concatenate(found)

@@ -12,6 +12,7 @@ from scipy.sparse import csgraph
 
 from . import triples
 from .cached import cached_property
+from .crew import in_blocks
 from .progress import FemorsError
 from .triples import Float
 
@@ -109,8 +110,12 @@ class Surface:
     @cached_property
     def face_cross(self) -> Float:
         """(m, 3) face normals scaled by twice the area."""
-        a, b, c = (self.vertices.take(corner, axis=0) for corner in self.faces.T)
-        return triples.cross(b - a, c - a)
+
+        def of(block: slice) -> Float:
+            a, b, c = (self.vertices.take(corner, axis=0) for corner in self.faces[block].T)
+            return triples.cross(b - a, c - a)
+
+        return np.concatenate(in_blocks(of, len(self.faces)))
 
     @cached_property
     def face_areas(self) -> Float:
@@ -140,11 +145,21 @@ class Surface:
         low, high = self.bounds
         return float(np.linalg.norm(high - low))
 
+    @property
+    def edge_lengths(self) -> Float:
+        """(e,) the lengths of the edges: taken anew each time."""
+
+        def of(block: slice) -> Float:
+            a, b = (self.vertices.take(end, axis=0) for end in self.edges[block].T)
+            return triples.length(a - b)
+
+        return np.concatenate(in_blocks(of, len(self.edges)))
+
     @cached_property
     def mean_edge(self) -> float:
         """Mean length of the edges."""
-        a, b = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
-        return float(triples.length(a - b).mean()) if len(a) else 0.0
+        lengths = self.edge_lengths
+        return float(lengths.mean()) if len(lengths) else 0.0
 
     @cached_property
     def volume(self) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import triples
-from .limits import in_threads
+from .crew import over
 from .mesh import Float, Int, Surface
 from .progress import Progress, part, silent
 from .triangles import Triangles
@@ -103,7 +103,7 @@ class SurfaceIndex:
 
         while len(open_points):
             parts, still = blocks(open_points, max(BLOCK_PAIRS // (6 * k), 1)), []
-            for rest in in_threads(look, parts):
+            for rest in over(look, parts):
                 progress(1.0 - len(open_points) / max(len(points), 1), "closest points")
                 still.append(rest)
             if k == len(members):

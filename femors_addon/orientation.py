@@ -9,6 +9,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from . import triples
+from .crew import in_blocks
 from .mesh import Float, Int, Surface
 
 PROBES = 12  # vertices of a component that are looked at to tell whether it lies in another
@@ -62,7 +63,11 @@ def _consistent(surface: Surface) -> tuple[NDArray[np.bool_], Int]:
 def _component_volumes(surface: Surface, flip: NDArray[np.bool_], component: Int) -> Float:
     """Signed volume of each component about its own centroid (so that open shells have one too)."""
     count = np.bincount(component)
-    middle = triples.total(surface.corners) / 3.0
+
+    def middles(block: slice) -> Float:
+        return triples.total(surface.vertices.take(surface.faces[block], axis=0)) / 3.0
+
+    middle = np.concatenate(in_blocks(middles, len(surface.faces)))
     centre = np.column_stack([np.bincount(component, middle[:, k]) / count for k in range(3)])
     middle -= centre.take(component, axis=0)
     height = triples.dot(middle, surface.face_cross)

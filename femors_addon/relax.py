@@ -10,6 +10,7 @@ from scipy import sparse
 
 from . import triples
 from .correspond import FACING, at_border, interpolated_normals
+from .crew import in_blocks
 from .features import FeatureLines
 from .folds import Reference, bad_faces, folded, unfolded
 from .grnn import DisplacementField
@@ -25,7 +26,6 @@ FLOOR = 0.02  # weight of a face without distortion, where one that is badly dis
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
 PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
-FACES = 8_000  # of shape matching at a time: what it needs of them stays in the processor's cache
 TINY = np.finfo(np.float64).tiny
 NEAR = 1.4  # mean edges: spread of the field that takes nodes without a partner along
 
@@ -77,9 +77,8 @@ class ShapeMatching:
     def __init__(self, source: Surface) -> None:
         # indices as NumPy wants them, or each call would make them so
         self._corners, self._count = source.faces.T.astype(np.intp, order="C"), len(source.vertices)
-        self._blocks = [slice(at, at + FACES) for at in range(0, len(source.faces), FACES)]
         flat = np.concatenate(
-            [np.stack(self._flattened(source.vertices, b)[:2]) for b in self._blocks], axis=2
+            in_blocks(lambda b: np.stack(self._flattened(source.vertices, b)[:2]), len(source.faces)), axis=2
         )
         self._along, self._across = flat  # (3, m) rest shape, the centroid at the origin
         square = (self._along**2).sum(axis=0) + (self._across**2).sum(axis=0)
@@ -90,8 +89,9 @@ class ShapeMatching:
         """Return the move (n, 3) asked for at positions (n, 3); border nodes stay."""
         weight = np.empty((3, self._corners.shape[1]))
         wanted = np.empty((3, 3, self._corners.shape[1]))  # by axis, corner and face
-        for block in self._blocks:
-            self._changes(positions, block, weight[:, block], wanted[:, :, block])
+        in_blocks(
+            lambda b: self._changes(positions, b, weight[:, b], wanted[:, :, b]), self._corners.shape[1]
+        )
         at = self._corners.ravel()
         shared = 1.0 / np.maximum(np.bincount(at, weight.ravel(), self._count), TINY)
         total = np.empty((self._count, 3))
@@ -231,16 +231,23 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     upright, flat = taken_along.face_normals, PRESSED * 2.0 * taken_along.face_areas
     start = reference.vertices + displacement
 
-    def cosine(faces: Int | slice, share: Float) -> Float:
-        a, b, c = ((start + share * step).take(corner, axis=0) for corner in reference.faces[faces].T)
-        normal = triples.cross(b - a, c - a)
-        # a face pressed onto a line points nowhere, and neither up nor down by its rounding
-        size = triples.length(normal) + flat[faces]
-        up = triples.dot(upright[faces], normal)
-        return np.divide(up, size, out=np.zeros_like(up), where=size > 0)
+    def cosine(faces: Int, share: Float) -> Float:
+        there = start + share * step
+
+        def of(block: slice) -> Float:
+            some = faces[block]
+            a, b, c = (there.take(corner, axis=0) for corner in reference.faces[some].T)
+            normal = triples.cross(b - a, c - a)
+            # a face pressed onto a line points nowhere, and neither up nor down by its rounding
+            size = triples.length(normal) + flat[some]
+            up = triples.dot(upright[some], normal)
+            return np.divide(up, size, out=np.zeros_like(up), where=size > 0)
+
+        return np.concatenate(in_blocks(of, len(faces)))
 
     share = np.ones((len(step), 1))
-    faces: Int = np.flatnonzero(cosine(slice(None), share) < TURN).astype(np.int32)
+    faces: Int = np.arange(len(reference.faces), dtype=np.int32)
+    faces = faces[cosine(faces, share) < TURN]
     for factor in (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0):
         limit = np.minimum(TURN, cosine(faces, np.zeros_like(share)))
         turned = cosine(faces, share) < limit

@@ -6,6 +6,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from solids import hexes
 
 from femors_addon import limits
-from femors_addon.crew import crew, each, ordered, together
+from femors_addon.crew import crew, each, ordered, over, together
 from femors_addon.overclosure import Body, OverclosureSettings, check_overclosure, remove_overclosure
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import sphere
@@ -113,6 +114,42 @@ def test_who_leaves_the_crew_leaves_nothing_behind():
     count = len(begun)
     time.sleep(0.02)
     assert len(begun) == count < 50
+
+
+def test_who_waits_for_a_piece_takes_parts_of_it():
+    limits.allow(2, 0)
+
+    def part(_: int) -> int:
+        time.sleep(0.002)
+        return threading.get_ident()
+
+    with crew():
+        short, long = together([threading.get_ident, lambda: list(over(part, range(40)))])
+        assert short == threading.get_ident()
+        assert set(long) == {short, *long} and len(set(long)) == 2
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_parts_of_long_work_keep_their_order_and_few_are_begun(threads):
+    limits.allow(threads, 0)
+    for outside in (nullcontext, crew):
+        asked = []
+        parts = (asked.append(n) or n for n in itertools.count())
+        with outside():
+            found = []
+            for square in over(lambda n: n**2, parts):
+                found.append(square)
+                assert len(asked) <= len(found) + limits.AHEAD * threads + 1
+                if len(found) == 50:
+                    break
+        assert found == [n**2 for n in range(50)]
+
+
+def test_without_a_crew_pieces_go_to_the_threads_that_are_kept():
+    limits.allow(2, 0)
+    with limits.pooled():
+        seen = set(together([lambda: time.sleep(0.002) or threading.get_ident()] * 20))
+    assert len(seen) == 2 and threading.get_ident() not in seen
 
 
 def test_blocks_within_a_piece_start_no_threads():
