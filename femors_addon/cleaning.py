@@ -88,6 +88,12 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     return Cleaned(surface, to_clean, face_map, tuple(f"{name}: {note}" for note in notes))
 
 
+def distinct_nodes(surface: Surface) -> int:
+    """Return how many nodes a mesh has, those of an STL file, which has each six times, counted once."""
+    soup = len(surface.vertices) == surface.faces.size > 0
+    return triples.different(surface.vertices) if soup else len(surface.vertices)
+
+
 def _apart(surface: Surface) -> bool:
     """Whether each triangle has three vertices of its own: so it is in any STL file, and no news."""
     vertices = len(surface.vertices)

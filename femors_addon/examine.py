@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .cleaning import Cleaned, clean
+from .cleaning import Cleaned, clean, distinct_nodes
 from .intersect import piercings, self_intersections
 from .limits import require_nodes
 from .mesh import Int, Surface
@@ -223,7 +223,7 @@ def examine(
     Cancelled
         From `progress`.
     """
-    nodes = len(surface.vertices) + (0 if other is None else len(other.vertices))
+    nodes = distinct_nodes(surface) + (0 if other is None else distinct_nodes(other))
     require_nodes(nodes, "measuring a mesh", MEMORY_LEAST, MEMORY_NODE)
     progress(0.0, "cleaning")
     ours = clean(surface.vertices, surface.faces, "mesh")

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import settings as declared
-from .cleaning import Cleaned, clean
+from .cleaning import Cleaned, clean, distinct_nodes
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
 from .folds import bad_faces, unfolded
 from .grnn import DisplacementField
@@ -93,7 +93,7 @@ def morph(
     started = time.process_time()
     settings = settings or MorphSettings()
     declared.check(settings)
-    nodes = len(source.vertices) + len(target.vertices)
+    nodes = distinct_nodes(source) + distinct_nodes(target)
     require_memory(MEMORY_LEAST + MEMORY_NODE * nodes, f"a morph with {nodes} nodes in both meshes")
     progress(0.0, "cleaning")
     whole, theirs = at_once(

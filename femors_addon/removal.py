@@ -12,10 +12,12 @@ import numpy as np
 
 from . import settings as declared
 from .bodies import Body, Solid, shares
+from .cleaning import distinct_nodes
 from .contact import Pair
 from .crew import together
 from .effort import Effort
 from .limits import require_nodes
+from .mesh import Surface
 from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find, same_surface
 from .overclosure_methods import nodal, published
 from .overclosure_result import OverclosureResult, Step, result_of
@@ -38,7 +40,7 @@ METHODS = {"grnn": loop, "nodal": nodal, "published": published}
 def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Solid]:
     """Return the bodies at work; refuse what cannot be worked with."""
     declared.check(settings)
-    nodes = sum(len(body.nodes) for body in bodies)
+    nodes = sum(distinct_nodes(b.mesh) if isinstance(b.mesh, Surface) else len(b.nodes) for b in bodies)
     require_nodes(nodes, f"overclosure of {len(bodies)} bodies", MEMORY_LEAST, MEMORY_NODE)
     if len(bodies) < 2:
         raise FemorsError(f"{len(bodies)} body given; overclosure needs at least two")

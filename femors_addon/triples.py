@@ -121,11 +121,8 @@ def renumbered(indices: NDArray, count: int) -> tuple[NDArray[np.int32], NDArray
     return which, rank[indices]
 
 
-def are_unique(rows: NDArray) -> bool:
-    """Whether no two rows (n, 3) of finite numbers are equal, told by a hash: now and then wrongly not.
-
-    A tenth of the time of `unique_rows`, which has nothing to do then.
-    """
+def different(rows: NDArray) -> int:
+    """Return how many different rows (n, 3) of finite numbers there are, by a hash: now and then too few."""
     bits = np.ascontiguousarray(rows, dtype=np.float64) + 0.0  # of zeros the positive one
     keys = np.zeros(len(rows), dtype=np.uint64)
     for column in bits.view(np.uint64).T:
@@ -133,7 +130,15 @@ def are_unique(rows: NDArray) -> bool:
         keys *= np.uint64(0x9E3779B97F4A7C15)
         keys ^= keys >> np.uint64(32)
     keys.sort()
-    return not (keys[1:] == keys[:-1]).any()
+    return len(keys) - int(np.count_nonzero(keys[1:] == keys[:-1]))
+
+
+def are_unique(rows: NDArray) -> bool:
+    """Whether no two rows (n, 3) of finite numbers are equal: now and then wrongly not.
+
+    A tenth of the time of `unique_rows`, which has nothing to do then.
+    """
+    return different(rows) == len(rows)
 
 
 def unique_rows(rows: NDArray) -> tuple[NDArray, NDArray]:

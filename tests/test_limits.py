@@ -18,6 +18,7 @@ from femors_addon.examine import examine
 from femors_addon.grnn import DisplacementField
 from femors_addon.intersect import crossings, piercings
 from femors_addon.keptfield import KeptField
+from femors_addon.mesh import Surface
 from femors_addon.morph import morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.overclosure import Body, check_overclosure, remove_overclosure
@@ -243,6 +244,27 @@ def test_what_needs_too_much_memory_is_refused_before_it_starts(job, words):
     assert not said
     limits.allow(1, 0)
     limits.require_memory(1e15, "anything")
+
+
+def soup(surface: Surface) -> Surface:
+    """As an STL file has it: each corner of a face is a vertex of its own."""
+    return Surface(surface.corners.reshape(-1, 3), np.arange(surface.faces.size).reshape(-1, 3))
+
+
+def test_memory_is_asked_for_the_nodes_of_an_stl_file_not_for_its_corners():
+    one, two = soup(BONES.source), soup(BONES.target)
+    balls = [Body(ball.name, soup(ball.mesh)) for ball in BALLS]
+    limits.allow(1, 5)
+    for job, words in (
+        (lambda: morph(one, two), "a morph with 3964 nodes in both meshes needs about 39 MB"),
+        (lambda: examine(one, two), "measuring a mesh with 3964 nodes in all needs about 20 MB"),
+        (
+            lambda: remove_overclosure(balls),
+            "overclosure of 2 bodies with 1284 nodes in all needs about 13 MB",
+        ),
+    ):
+        with pytest.raises(FemorsError, match=words):
+            job()
 
 
 def test_a_job_aside_is_done_when_it_is_asked_for_where_one_thread_is_allowed():
