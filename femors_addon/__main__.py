@@ -8,6 +8,10 @@ import sys
 # for each other (femur_pair on two busy cores: 7 s of CPU with one thread, 12 s with two)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from .cli import main
+try:
+    from .cli import main
+except KeyboardInterrupt:  # while modules are read; later the command line tells
+    print("femors: interrupted; nothing is written", file=sys.stderr)
+    sys.exit(130)
 
 sys.exit(main())

@@ -169,6 +169,29 @@ def test_interrupted_program_leaves_nothing(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.stl", "b.stl"]
 
 
+INTERRUPTED_EARLY = """
+import builtins, runpy
+
+usual = builtins.__import__
+
+def interrupted(name, *rest, **named):
+    if name == "cli":
+        raise KeyboardInterrupt
+    return usual(name, *rest, **named)
+
+builtins.__import__ = interrupted
+runpy.run_module("femors_addon", run_name="__main__")
+"""
+
+
+def test_a_program_interrupted_while_it_reads_its_modules_says_so_in_one_line():
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    command = [sys.executable, "-c", INTERRUPTED_EARLY]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "femors: interrupted; nothing is written\n"
+
+
 # --- exit code 1 ----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("change", "words"),
