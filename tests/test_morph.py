@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The morph as a whole: known maps recovered, any mesh endured, and every way it ends."""
+"""The morph as a whole: known maps recovered, the same every time, and what a result says."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import json
 
 import numpy as np
 import pytest
+from morphs import GOAL, LAYERED, SMALL, STAY, finite, subjects
 from scipy.spatial.transform import Rotation
-from surfaces import cut, soup, together
+from surfaces import cut
 
-from femors_addon import morph_fit, morph_outcome, shapes
-from femors_addon import settings as declared
+from femors_addon import morph_outcome, shapes
 from femors_addon.commandline import for_command
-from femors_addon.mesh import Float, Surface, triangulate
+from femors_addon.mesh import Surface
 from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
 from femors_addon.morph_fit import verdict
 from femors_addon.nearest import SurfaceIndex
@@ -24,32 +24,10 @@ from femors_addon.quality import flipped_faces
 from femors_addon.report_files import report_bytes
 from femors_addon.transforms import transformed
 
-STAY = MorphSettings(alignment="none")
-LAYERED = MorphSettings(levels=2, reduction=0.4, iterations=4, fine_iterations=3)
-"""All stages, on meshes of a few hundred nodes."""
-
-
-def ellipsoid(halvings: int = 2, radii: tuple[float, float, float] = (1.0, 1.3, 1.7)) -> Surface:
-    ball = shapes.sphere(halvings)
-    return ball.moved(ball.vertices * radii)
-
-
-SMALL, GOAL = ellipsoid(), ellipsoid(2, (1.2, 1.2, 2.0))
-
-
-def finite(result: MorphResult, source: Surface) -> bool:
-    """One finite number for whatever the source has."""
-    assert result.vertices.shape == source.vertices.shape
-    assert result.surface_distance.shape == result.displacement.shape == (len(source.vertices),)
-    arrays = (result.vertices, result.surface_distance, result.displacement, result.transform)
-    json.dumps(result.report(), allow_nan=False)
-    return all(np.isfinite(array).all() for array in arrays)
-
 
 @pytest.fixture(scope="module")
 def pair() -> shapes.Pair:
-    """Two subjects, meshed independently, the true place of every vertex known."""
-    return shapes.pair(900, 800, seed=1)
+    return subjects()
 
 
 @pytest.fixture(scope="module")
@@ -312,285 +290,6 @@ def test_a_mirrored_source_is_morphed_where_it_may_be_mirrored(pair):
     assert any("mirrored" in warning for warning in result.warnings)
     assert np.linalg.norm(result.vertices - pair.truth, axis=1).mean() < 0.012 * pair.target.diagonal
     assert result.after.flipped == result.after.self_intersecting == 0
-
-
-# --- meshes of every kind -------------------------------------------------------------------------
-def in_order_of_use(surface: Surface) -> Surface:
-    """Vertices numbered as the faces name them, as merging a soup does."""
-    _, first, inverse = np.unique(surface.faces, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    return Surface(
-        surface.vertices[np.unique(surface.faces)[np.argsort(first)]], rank[inverse].reshape(-1, 3)
-    )
-
-
-@pytest.fixture(scope="module")
-def clean_result() -> tuple[Surface, MorphResult]:
-    source = in_order_of_use(SMALL)
-    return source, morph(source, in_order_of_use(GOAL))
-
-
-def test_a_soup_moves_as_the_merged_mesh(clean_result):
-    source, plain = clean_result
-    loose = soup(source)
-    result = morph(loose, soup(in_order_of_use(GOAL)))
-    assert finite(result, loose)
-    assert result.vertices == pytest.approx(plain.vertices[source.faces.ravel()], abs=1e-6)
-    # copies of a vertex go together, bit for bit
-    _, group = np.unique(loose.vertices, axis=0, return_inverse=True)
-    for one in (0, 5, 77):
-        assert len(np.unique(result.vertices[group.ravel() == one], axis=0)) == 1
-    assert not any("merged" in warning for warning in result.warnings), "of a soup it is no news"
-
-
-@pytest.mark.parametrize("which", ["source", "target", "both"])
-def test_a_mesh_inside_out_gives_the_same(clean_result, which):
-    source, plain = clean_result
-    turned = Surface(source.vertices, source.faces[:, ::-1]) if which != "target" else source
-    goal = in_order_of_use(GOAL)
-    goal = Surface(goal.vertices, goal.faces[:, ::-1]) if which != "source" else goal
-    result = morph(turned, goal)
-    assert np.array_equal(result.vertices, plain.vertices)
-    assert result.after.flipped == 0
-    assert any("wound inward" in warning for warning in result.warnings)
-
-
-def test_mixed_winding_gives_the_same(clean_result):
-    source, plain = clean_result
-    odd = np.random.default_rng(0).random(len(source.faces)) < 0.4
-    mixed = Surface(source.vertices, np.where(odd[:, None], source.faces[:, ::-1], source.faces))
-    assert morph(mixed, in_order_of_use(GOAL)).vertices == pytest.approx(plain.vertices, abs=1e-6)
-
-
-def test_faces_twice_or_without_area_and_loose_vertices_change_nothing(clean_result):
-    source, plain = clean_result
-    n = len(source.vertices)
-    vertices = np.concatenate((source.vertices, [[3.0, 3.0, 3.0], [0.0, 0.0, 0.0]]))
-    extra = [source.faces[3], source.faces[7][::-1], [0, 0, 1], [2, 2, 2], [n, n, n]]
-    messy = Surface(vertices, np.concatenate((source.faces, extra)))
-    goal = in_order_of_use(GOAL)
-    result = morph(messy, goal)
-    assert finite(result, messy)
-    assert np.array_equal(result.vertices[:n], plain.vertices)
-    # loose vertices go along by the field
-    assert result.vertices[n:] == pytest.approx(plain.apply(vertices[n:]))
-    for words in ("stand twice", "no area", "belong to no face"):
-        assert any(words in warning for warning in result.warnings), words
-    messy_goal = Surface(
-        np.concatenate((goal.vertices, [[9.0, 9, 9]])), np.concatenate((goal.faces, goal.faces[:9]))
-    )
-    assert np.array_equal(morph(source, messy_goal).vertices, plain.vertices)
-
-
-def test_quads_on_their_fixed_diagonal():
-    block = shapes.box((3, 2, 1), (6, 4, 2))
-    quads = block.faces.reshape(-1, 2, 3)[:, [0, 0, 0, 1], [0, 1, 2, 2]]  # the two halves of each cell
-    triangles, _ = triangulate(np.full(len(quads), 4), quads.ravel())
-    source = Surface(block.vertices, triangles)
-    target = shapes.box((3.3, 2.1, 1.2), (7, 5, 3))
-    result = morph(source, target)
-    assert finite(result, source)
-    assert result.after.flipped == 0
-    assert result.after.surface_to_target.p99 < 0.02
-
-
-def test_several_components():
-    """Each finds its own: a bone beside a ball."""
-    source = together(shapes.bone(700, length=10.0), shapes.sphere(2, radius=1.5, centre=(5, 0, 5)))
-    target = together(
-        shapes.bone(700, length=10.4, lattice=1), shapes.sphere(2, radius=1.7, centre=(5.3, 0.2, 5.1))
-    )
-    result = morph(source, target)
-    assert finite(result, source)
-    assert result.converged
-    first = len(source.vertices) - 162
-    away = np.linalg.norm(result.vertices[first:] - (5.3, 0.2, 5.1), axis=1)
-    assert away == pytest.approx(np.full(162, 1.7), abs=0.06)
-
-
-def test_open_borders():
-    """Two bones without their far ends: onto each other."""
-    whole = shapes.pair(900, 900, seed=2)
-    source, used = cut(whole.source, 60, 999)
-    target, _ = cut(whole.target, 60, 999)
-    result = morph(source, target)
-    assert finite(result, source)
-    assert result.after.flipped == result.after.self_intersecting == 0
-    assert np.linalg.norm(result.vertices - whole.truth[used], axis=1).mean() < 0.02 * target.diagonal
-
-
-@pytest.mark.parametrize("partial", ["source", "target"])
-def test_partial_overlap_does_not_squeeze(pair, partial):
-    """Where one shows a part only, the rest follows by the field and keeps its size."""
-    size = pair.target.diagonal
-    if partial == "source":
-        source, used = cut(pair.source, -99, 200)
-        result = morph(source, pair.target, MorphSettings(partial="source"))
-        there, truth = np.ones(len(used), dtype=bool), pair.truth[used]
-    else:
-        source, truth = pair.source, pair.truth
-        result = morph(source, cut(pair.target, -99, 200)[0], MorphSettings(partial="target"))
-        there = truth[:, 2] < 180
-        span = np.ptp(result.vertices, axis=0).max()
-        assert span == pytest.approx(np.ptp(truth, axis=0).max(), rel=0.08)
-    assert finite(result, source)
-    assert np.linalg.norm(result.vertices - truth, axis=1)[there].mean() < 0.02 * size
-    assert result.after.flipped == 0
-
-
-# --- weights --------------------------------------------------------------------------------------
-@pytest.mark.parametrize("nodes", [900, 2500])
-def test_weights_hold_what_must_stay(nodes):
-    """Exactly, whatever levels and mending come between; what is free still reaches the target."""
-    source, target, _ = shapes.pair(nodes, nodes, seed=1)
-    free = source.vertices[:, 2] < 200
-    result = morph(source, target, STAY, weights=free.astype(float))
-    assert np.array_equal(result.vertices[~free], source.vertices[~free])
-    distance = result.surface_distance[source.vertices[:, 2] < 150]
-    assert np.percentile(distance, 99) < 0.01 * target.diagonal
-    assert result.after.flipped == 0
-
-
-def test_a_share_is_a_share(pair):
-    full = morph(pair.source, pair.target, STAY)
-    for share in (0.0, 0.25, 1.0):
-        part = morph(pair.source, pair.target, STAY, weights=np.full(len(pair.source.vertices), share))
-        wanted = pair.source.vertices + share * (full.vertices - pair.source.vertices)
-        assert part.vertices == pytest.approx(wanted, abs=1e-9)
-
-
-def test_weights_of_a_soup(pair):
-    """A merged vertex takes the largest of its copies' weights, so that none tears off."""
-    loose = soup(SMALL)
-    weights = np.zeros(len(loose.vertices))
-    weights[::2] = 1.0
-    result = morph(loose, GOAL, STAY, weights=weights)
-    _, group = np.unique(loose.vertices, axis=0, return_inverse=True)
-    for one in range(0, 162, 20):
-        assert len(np.unique(result.vertices[group.ravel() == one], axis=0)) == 1
-
-
-def test_weights_are_told_not_to_hold_the_alignment():
-    result = morph(SMALL, GOAL, weights=np.zeros(len(SMALL.vertices)))
-    assert any("not the alignment" in warning for warning in result.warnings)
-
-
-@pytest.mark.parametrize(
-    "weights", [np.ones(3), np.full(162, np.nan), np.full(162, -0.1), np.full(162, 1.1), []]
-)
-def test_bad_weights_are_told(weights):
-    with pytest.raises(FemorsError, match="162 numbers from 0 to 1"):
-        morph(SMALL, GOAL, weights=weights)
-
-
-# --- landmarks ------------------------------------------------------------------------------------
-def test_landmarks_start_the_morph(pair, morphed):
-    at = [10, 200, 400, 600, 800]
-    away = pair.source.moved(pair.source.vertices @ Rotation.random(random_state=9).as_matrix() + 1e3)
-    result = morph(away, pair.target, source_landmarks=away.vertices[at], target_landmarks=pair.truth[at])
-    assert np.linalg.norm(result.vertices - morphed.vertices, axis=1).mean() < 2e-3 * pair.target.diagonal
-
-
-@pytest.mark.parametrize(
-    ("ours", "theirs", "words"),
-    [
-        (np.eye(3), None, "both meshes"),
-        (None, np.eye(3), "both meshes"),
-        (np.eye(3), np.ones((2, 3)), "paired"),
-        (np.eye(3)[:2], np.eye(3)[:2], "at least 3"),
-        (np.full((3, 3), np.nan), np.eye(3), "not finite"),
-        (np.ones((4, 3)), np.eye(4)[:, :3], "one line"),
-    ],
-)
-def test_bad_landmarks_are_told(ours, theirs, words):
-    with pytest.raises(FemorsError, match=words) as error:
-        morph(SMALL, GOAL, source_landmarks=ours, target_landmarks=theirs)
-    assert "\n" not in str(error.value)
-
-
-# --- bad input ------------------------------------------------------------------------------------
-def broken(kind: str) -> tuple[Float, np.ndarray]:
-    vertices, faces = SMALL.vertices.copy(), SMALL.faces
-    if kind == "empty":
-        return np.empty((0, 3)), np.empty((0, 3), dtype=int)
-    if kind == "no faces":
-        return vertices, np.empty((0, 3), dtype=int)
-    if kind == "one triangle":
-        return vertices[:3], np.array([[0, 1, 2]])
-    if kind == "planar":
-        return vertices * (1, 1, 0), faces
-    if kind == "a line":
-        return vertices * (1, 0, 0), faces
-    if kind == "a point":
-        return vertices * 0, faces
-    vertices[5] = {"NaN": np.nan, "infinite": np.inf}[kind]
-    return vertices, faces
-
-
-@pytest.mark.parametrize(
-    "kind", ["empty", "no faces", "one triangle", "planar", "a line", "a point", "NaN", "infinite"]
-)
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_bad_meshes_are_told_in_one_line(kind, side):
-    with pytest.raises(FemorsError) as error:
-        bad = Surface(*broken(kind))
-        morph(*((bad, GOAL) if side == "source" else (SMALL, bad)))
-    said = str(error.value)
-    assert "\n" not in said
-    assert 10 < len(said) < 200
-    if kind not in ("NaN", "infinite"):  # those are told before anything knows whose they are
-        assert said.startswith(side)
-
-
-@pytest.mark.parametrize(
-    "change", [{"alignment": "wild"}, {"levels": -1}, {"projection": np.nan}, {"spread_start": -1.0}]
-)
-def test_settings_outside_their_limits_are_told(change):
-    with pytest.raises(FemorsError):
-        morph(SMALL, GOAL, MorphSettings(**change))
-
-
-# --- settings at their extremes -------------------------------------------------------------------
-def extremes() -> list[tuple[str, object]]:
-    """Every setting at its least, its most, and for lengths at what is far too small and too large."""
-    out: list[tuple[str, object]] = []
-    for name, (field, spec) in declared.specs(MorphSettings).items():
-        if spec.choices:
-            values: list[object] = [choice[0] for choice in spec.choices]
-        elif isinstance(field.default, bool):
-            values = [False, True]
-        else:
-            values = [spec.minimum, 1e9 if spec.maximum is None else spec.maximum]
-            values += [1e-9] if spec.unit == "length" else []
-        out += [(name, type(field.default)(value)) for value in values]
-    return out
-
-
-@pytest.mark.parametrize(("name", "value"), extremes())
-@pytest.mark.parametrize(
-    "base", [STAY, dataclasses.replace(PRESETS["published"], alignment="none")], ids=["own", "paper"]
-)
-def test_no_setting_breaks_the_morph(base, name, value):
-    result = morph(SMALL, GOAL, dataclasses.replace(base, **{name: value}))
-    assert finite(result, SMALL)
-    assert result.stop_reason
-
-
-def test_nothing_to_do_is_no_failure():
-    """No iterations, no projection, no relaxation: the aligned source."""
-    idle = MorphSettings(
-        alignment="none", iterations=0, fine_iterations=0, dense_iterations=0, projection=0.0, relaxation=0
-    )
-    result = morph(SMALL, GOAL, idle)
-    assert np.array_equal(result.vertices, SMALL.vertices)
-    assert result.history == ()
-
-
-def test_the_length_of_a_border_is_that_of_edges_with_one_face():
-    """Not of every edge between two of its nodes: the square's diagonal."""
-    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    assert morph_fit._border_length(Surface(corners, [[0, 1, 2], [0, 2, 3]])) == 4.0
-    assert morph_fit._border_length(SMALL) == 0.0
 
 
 # --- the field ------------------------------------------------------------------------------------
