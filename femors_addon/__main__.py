@@ -10,8 +10,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 try:
     from .cli import main
+
+    code = main()
 except KeyboardInterrupt:  # while modules are read; later the command line tells
     print("femors: interrupted; nothing is written", file=sys.stderr)
-    sys.exit(130)
+    code = 130
 
-sys.exit(main())
+sys.exit(code)

@@ -169,7 +169,10 @@ class _Crew:
             self.changed.notify_all()
 
     def outcome(self, task: _Task) -> Any:
-        """Return what a task has given, and do meanwhile what others offer: parts of that task, often."""
+        """Return what a task has given, and do meanwhile what others offer: parts of that task, often.
+
+        What is waited for is a part of what waits, and began later: no two threads wait for each other.
+        """
         while not task.done.is_set():
             with self.changed:
                 other = self.take()

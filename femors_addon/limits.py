@@ -19,6 +19,7 @@ R = TypeVar("R")
 
 MB = 1e6
 LOOK = 0.05  # seconds between two looks at whether jobs in other threads are to be cancelled
+EACH = 0.2  # of what a job needs: what each further thread holds besides, at most, as was measured
 AHEAD = 2  # parts for each thread that are begun before the first is done: no more are held in memory
 
 
@@ -45,7 +46,8 @@ def allow(threads: int, megabytes: float) -> None:
 
 
 def require_memory(needed: float, what: str) -> None:
-    """Raise `FemorsError` where a job would need more bytes than are allowed."""
+    """Raise `FemorsError` where a job, which needs so many bytes in one thread, needs more than allowed."""
+    needed *= 1.0 + EACH * (Limits.threads - 1)
     if Limits.memory and needed > Limits.memory:
         raise FemorsError(
             f"{what} needs about {needed / MB:.0f} MB of memory, and the limit in the preferences is "

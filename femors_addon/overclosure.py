@@ -20,7 +20,7 @@ from .mesh import Float
 from .overclosure_check import Finding, PairGaps, asked_gaps, find
 from .overclosure_result import OverclosureResult, notes_of
 from .overclosure_settings import OverclosureSettings
-from .progress import Progress, silent
+from .progress import Progress, part, silent
 from .removal import Removal, band_of, solids_of
 
 __all__ = ["Body", "OverclosureResult", "OverclosureSettings", "check_overclosure", "remove_overclosure"]
@@ -96,8 +96,8 @@ def remove_overclosure(
     started = time.process_time()
     with crew():
         removal = Removal(bodies, settings or OverclosureSettings(), exclude, gaps or {}, preview)
-        removal.run(progress)
+        removal.run(part(progress, 0.0, 0.9))
         solved = time.process_time()
-        result = removal.result()
+        result = removal.result(part(progress, 0.9, 1.0))
     progress(1.0, "done")
     return dataclasses.replace(result, seconds=time.process_time() - started, solve_seconds=solved - started)

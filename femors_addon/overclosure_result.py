@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -12,13 +13,13 @@ import numpy as np
 
 from . import booleans
 from .bodies import Solid
-from .crew import together
+from .crew import each
 from .cutouts import Region
 from .findings import CONTAINED, NEAR, Finding
 from .intersect import crossings
 from .overclosure_figures import BodyResult, figures_of, losses_of
 from .overclosure_settings import OverclosureSettings
-from .progress import counted
+from .progress import Progress, counted
 
 if TYPE_CHECKING:
     from .effort import Effort
@@ -146,11 +147,18 @@ def result_of(
     history: tuple[Step, ...],
     stop: str,
     through: Mapping[tuple[str, str], str],
+    progress: Progress,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is "", `through` see `Removal`."""
     jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
     jobs += [partial(figures_of, solid, efforts) for solid in solids]
-    notes, *bodies = together(jobs)
+    measured: list[Any] = []
+    with contextlib.closing(each(jobs)) as figures:
+        for number in range(len(jobs)):
+            name = solids[max(number - 1, 0)].name
+            progress(number / len(jobs), f"figures of {name}")
+            measured.append(next(figures))
+    notes, *bodies = measured
     reasons = [
         _reason(finding, solids, after, stop, through.get(finding.names, ""))
         + ("" if finding.names in through else _sheets(finding, solids))

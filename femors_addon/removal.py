@@ -124,7 +124,7 @@ class Removal:
         if self._settings.method == "grnn" and not _clear(self.after, self.efforts):
             self._parted(part(progress, 0.95, 0.97))
 
-    def result(self) -> OverclosureResult:
+    def result(self, progress: Progress) -> OverclosureResult:
         """Measure the bodies and put the result together."""
         return result_of(
             self.solids,
@@ -135,6 +135,7 @@ class Removal:
             tuple(self.history),
             self.stop,
             self.through,
+            progress,
         )
 
     def _check_gaps(self) -> None:

@@ -135,10 +135,11 @@ class Transfer:
         if (bad := triples.unfit(points)) is not None:
             raise FemorsError(triples.complaint(bad, "points", lambda row: row + 1))
         onto = 0 if self.onto is None else len(self.onto.surface.vertices)
-        self.carrier.require(onto + len(points))
+        first, which = triples.placed(points)  # an STL file has each node six times
+        self.carrier.require(onto + len(first))
         way = self.carrier.uncarry if self.settings.inverse else self.carrier.carry
-        got = way(points, self.settings.strength, progress)
-        return Transferred(got.points, got.distance, got.error, np.zeros(len(points)))
+        got = way(points[first], self.settings.strength, progress)
+        return Transferred(got.points[which], got.distance[which], got.error[which], np.zeros(len(points)))
 
     @cached_property
     def _after(self) -> SurfaceIndex:

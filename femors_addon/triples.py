@@ -141,6 +141,17 @@ def are_unique(rows: NDArray) -> bool:
     return different(rows) == len(rows)
 
 
+def placed(rows: NDArray) -> tuple[NDArray, NDArray]:
+    """Return (the first index of each different row, in their order; for each row which of these it is)."""
+    if are_unique(rows):
+        return (np.arange(len(rows)),) * 2
+    first, inverse = unique_rows(rows)
+    order = np.argsort(first)
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[inverse]
+
+
 def unique_rows(rows: NDArray) -> tuple[NDArray, NDArray]:
     """Return (for each different row its first index, for each row which of these it is).
 

@@ -118,15 +118,43 @@ def test_who_leaves_the_crew_leaves_nothing_behind():
 
 def test_who_waits_for_a_piece_takes_parts_of_it():
     limits.allow(2, 0)
+    begun = threading.Event()
 
     def part(_: int) -> int:
         time.sleep(0.002)
         return threading.get_ident()
 
+    def short() -> int:
+        assert begun.wait(10)  # until the other thread has the long one
+        return threading.get_ident()
+
+    def long() -> list[int]:
+        begun.set()
+        return [threading.get_ident(), *over(part, range(40))]
+
     with crew():
-        short, long = together([threading.get_ident, lambda: list(over(part, range(40)))])
-        assert short == threading.get_ident()
-        assert set(long) == {short, *long} and len(set(long)) == 2
+        here, (there, *parts) = together([short, long])
+    assert here == threading.get_ident() != there
+    assert set(parts) == {here, there}
+
+
+def test_who_raises_waits_for_what_has_begun():
+    limits.allow(2, 0)
+    begun, ended = threading.Event(), threading.Event()
+
+    def raising() -> None:
+        assert begun.wait(10)
+        raise ValueError("one")
+
+    def long() -> None:
+        begun.set()
+        time.sleep(0.02)
+        ended.set()
+
+    with crew():
+        with pytest.raises(ValueError, match="one"):
+            together([raising, long])
+        assert ended.is_set()
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -207,6 +235,21 @@ def test_a_removal_in_threads_is_cancelled_wherever_it_is(threads, at):
     if at < 10:
         with pytest.raises(Cancelled):
             check_overclosure(many(), progress=progress)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_removal_is_cancelled_while_its_figures_are_measured(threads):
+    limits.allow(threads, 0)
+    told = []
+
+    def progress(fraction: float, text: str) -> None:
+        told.append(fraction)
+        if text == "figures of plate":
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        remove_overclosure(many(), progress=progress)
+    assert told == sorted(told) and 0.9 < told[-1] < 1.0
 
 
 def test_threads_that_cannot_be_started_leave_none_behind(monkeypatch):

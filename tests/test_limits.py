@@ -110,6 +110,7 @@ def test_threads_change_no_bit(job, monkeypatch):
     monkeypatch.setattr(cells, "CALLS", 0)
     monkeypatch.setattr(cells, "TOGETHER", 10_000)
     monkeypatch.setattr(balls, "AT_ONCE", 500)
+    monkeypatch.setattr(crew, "BLOCK", 300)
     limits.allow(1, 0)
     one = job()
     started = set()
@@ -262,9 +263,30 @@ def test_memory_is_asked_for_the_nodes_of_an_stl_file_not_for_its_corners():
             lambda: remove_overclosure(balls),
             "overclosure of 2 bodies with 1284 nodes in all needs about 13 MB",
         ),
+        (lambda: Transfer(carrier(), TransferSettings()).points(two.vertices), "a transfer with 3964 nodes"),
     ):
         with pytest.raises(FemorsError, match=words):
             job()
+
+
+def test_each_further_thread_needs_memory_too():
+    for threads, words in ((1, "39 MB"), (2, "47 MB"), (3, "55 MB")):
+        limits.allow(threads, 5)
+        with pytest.raises(FemorsError, match=f"needs about {words}"):
+            morph(BONES.source, BONES.target)
+
+
+def test_corners_of_one_node_are_carried_once_and_alike(monkeypatch):
+    transfer, asked = Transfer(carrier(), TransferSettings()), []
+    carry = Carrier.carry
+    monkeypatch.setattr(
+        Carrier, "carry", lambda self, points, *rest: asked.append(points) or carry(self, points, *rest)
+    )
+    nodes, corners = BONES.target.vertices, soup(BONES.target).vertices
+    one, many = transfer.points(nodes), transfer.points(corners)
+    assert [len(points) for points in asked] == [len(nodes), len(nodes)]
+    assert len(np.unique(many.points, axis=0)) == len(nodes)
+    np.testing.assert_allclose(many.points, one.points[BONES.target.faces.ravel()], atol=1e-9)
 
 
 def test_a_job_aside_is_done_when_it_is_asked_for_where_one_thread_is_allowed():
