@@ -10,10 +10,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 try:
     from .cli import main
-
-    code = main()
 except KeyboardInterrupt:  # while modules are read; later the command line tells
     print("femors: interrupted; nothing is written", file=sys.stderr)
-    code = 130
+    sys.exit(130)
 
-sys.exit(code)
+sys.exit(main())

@@ -90,14 +90,13 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
 
 def distinct_nodes(surface: Surface) -> int:
     """Return how many nodes a mesh has, those of an STL file, which has each six times, counted once."""
-    soup = len(surface.vertices) == surface.faces.size > 0
-    return triples.different(surface.vertices) if soup else len(surface.vertices)
+    return triples.different(surface.vertices) if _apart(surface) else len(surface.vertices)
 
 
 def _apart(surface: Surface) -> bool:
     """Whether each triangle has three vertices of its own: so it is in any STL file, and no news."""
     vertices = len(surface.vertices)
-    return vertices == surface.faces.size and np.bincount(surface.faces.ravel()).max() == 1
+    return 0 < vertices == surface.faces.size and np.bincount(surface.faces.ravel()).max() == 1
 
 
 def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:

@@ -10,7 +10,7 @@ import numpy as np
 
 from femors_addon import shapes
 from femors_addon.mesh import Surface
-from femors_addon.morph import MorphResult, MorphSettings
+from femors_addon.morph import MorphResult, MorphSettings, morph
 
 STAY = MorphSettings(alignment="none")
 LAYERED = MorphSettings(levels=2, reduction=0.4, iterations=4, fine_iterations=3)
@@ -38,3 +38,8 @@ def finite(result: MorphResult, source: Surface) -> bool:
 def subjects() -> shapes.Pair:
     """Two subjects, meshed independently, the true place of every vertex known."""
     return shapes.pair(900, 800, seed=1)
+
+
+@functools.cache
+def subjects_morphed() -> MorphResult:
+    return morph(subjects().source, subjects().target)

@@ -10,6 +10,7 @@ import threading
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from surfaces import soup
 
 from femors_addon import balls, cells, crew, frames, grnn, limits, nearest, quality
 from femors_addon import morph as morph_module
@@ -18,7 +19,6 @@ from femors_addon.examine import examine
 from femors_addon.grnn import DisplacementField
 from femors_addon.intersect import crossings, piercings
 from femors_addon.keptfield import KeptField
-from femors_addon.mesh import Surface
 from femors_addon.morph import morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.overclosure import Body, check_overclosure, remove_overclosure
@@ -245,11 +245,6 @@ def test_what_needs_too_much_memory_is_refused_before_it_starts(job, words):
     assert not said
     limits.allow(1, 0)
     limits.require_memory(1e15, "anything")
-
-
-def soup(surface: Surface) -> Surface:
-    """As an STL file has it: each corner of a face is a vertex of its own."""
-    return Surface(surface.corners.reshape(-1, 3), np.arange(surface.faces.size).reshape(-1, 3))
 
 
 def test_memory_is_asked_for_the_nodes_of_an_stl_file_not_for_its_corners():

@@ -9,7 +9,7 @@ import json
 
 import numpy as np
 import pytest
-from morphs import GOAL, LAYERED, SMALL, STAY, finite, subjects
+from morphs import GOAL, LAYERED, SMALL, STAY, finite, subjects, subjects_morphed
 from scipy.spatial.transform import Rotation
 from surfaces import cut
 
@@ -31,8 +31,8 @@ def pair() -> shapes.Pair:
 
 
 @pytest.fixture(scope="module")
-def morphed(pair) -> MorphResult:
-    return morph(pair.source, pair.target)
+def morphed() -> MorphResult:
+    return subjects_morphed()
 
 
 # --- what must come out ---------------------------------------------------------------------------

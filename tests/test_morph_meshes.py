@@ -14,11 +14,6 @@ from femors_addon.morph import MorphResult, MorphSettings, morph
 from femors_addon.progress import FemorsError
 
 
-@pytest.fixture(scope="module")
-def pair() -> shapes.Pair:
-    return subjects()
-
-
 # --- meshes of every kind -------------------------------------------------------------------------
 def in_order_of_use(surface: Surface) -> Surface:
     """Vertices numbered as the faces name them, as merging a soup does."""
@@ -125,8 +120,9 @@ def test_open_borders():
 
 
 @pytest.mark.parametrize("partial", ["source", "target"])
-def test_partial_overlap_does_not_squeeze(pair, partial):
+def test_partial_overlap_does_not_squeeze(partial):
     """Where one shows a part only, the rest follows by the field and keeps its size."""
+    pair = subjects()
     size = pair.target.diagonal
     if partial == "source":
         source, used = cut(pair.source, -99, 200)

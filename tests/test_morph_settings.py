@@ -7,25 +7,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from morphs import GOAL, SMALL, STAY, finite, subjects
+from morphs import GOAL, SMALL, STAY, finite, subjects, subjects_morphed
 from scipy.spatial.transform import Rotation
 from surfaces import soup
 
 from femors_addon import morph_fit, shapes
 from femors_addon import settings as declared
 from femors_addon.mesh import Surface
-from femors_addon.morph import PRESETS, MorphResult, MorphSettings, morph
+from femors_addon.morph import PRESETS, MorphSettings, morph
 from femors_addon.progress import FemorsError
-
-
-@pytest.fixture(scope="module")
-def pair() -> shapes.Pair:
-    return subjects()
-
-
-@pytest.fixture(scope="module")
-def morphed(pair) -> MorphResult:
-    return morph(pair.source, pair.target)
 
 
 # --- weights --------------------------------------------------------------------------------------
@@ -41,7 +31,8 @@ def test_weights_hold_what_must_stay(nodes):
     assert result.after.flipped == 0
 
 
-def test_a_share_is_a_share(pair):
+def test_a_share_is_a_share():
+    pair = subjects()
     full = morph(pair.source, pair.target, STAY)
     for share in (0.0, 0.25, 1.0):
         part = morph(pair.source, pair.target, STAY, weights=np.full(len(pair.source.vertices), share))
@@ -49,7 +40,7 @@ def test_a_share_is_a_share(pair):
         assert part.vertices == pytest.approx(wanted, abs=1e-9)
 
 
-def test_weights_of_a_soup(pair):
+def test_weights_of_a_soup():
     """A merged vertex takes the largest of its copies' weights, so that none tears off."""
     loose = soup(SMALL)
     weights = np.zeros(len(loose.vertices))
@@ -74,7 +65,8 @@ def test_bad_weights_are_told(weights):
 
 
 # --- landmarks ------------------------------------------------------------------------------------
-def test_landmarks_start_the_morph(pair, morphed):
+def test_landmarks_start_the_morph():
+    pair, morphed = subjects(), subjects_morphed()
     at = [10, 200, 400, 600, 800]
     away = pair.source.moved(pair.source.vertices @ Rotation.random(random_state=9).as_matrix() + 1e3)
     result = morph(away, pair.target, source_landmarks=away.vertices[at], target_landmarks=pair.truth[at])
