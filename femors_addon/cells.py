@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,11 +18,14 @@ LN2 = math.log(2.0)
 MOST = 1e5  # cells along an axis: more than a 64-bit key could count
 WIDEST = 3.0  # cut-off lengths that a cell may measure: single precision bears no more
 CELL_FILL = 6  # centres a cell, at least, on average
-CACHED = 1_000_000  # kernel values of a meeting of cells at a time: 4 MB, for the processor's cache
-TOGETHER = 1_000_000  # kernel values between two reports of progress, and handed to a thread at once
-CALLS = 30_000  # kernel values that take as long as the calls for one meeting of cells
-
-Meeting = tuple[slice, list[slice]]  # queries of one cell, centres of the 27 around it
+# kernel values in one call: 1.6 MB, for the processor's cache, and one to two milliseconds
+TOGETHER = 400_000
+HANDED = 4  # such calls that a thread is given at once: it takes a tenth of a millisecond to give
+FEWEST, MOST_QUERIES = 16, 128  # queries of one cell in one call, where it has as many
+FEW, FILLED = 32, (4, 16)  # queries: counts are filled up to a multiple of these, up to so many and beyond
+# multiplications in a product of two matrices: where there are more, OpenBLAS lets one thread at a time go
+LOCKED = 260_000
+NOTHING = -1e4  # exponent of a weight that is to be nothing
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,7 +50,7 @@ class Cells:
             keys = (cell[:, 0] * ny + cell[:, 1]) * nz + cell[:, 2]
             order = np.argsort(keys, kind="stable")
             keys = keys[order]
-            # a cell costs a few calls: fewer, fuller cells are cheaper where the spread is tiny
+            # each cell's neighbours are looked up: fewer, fuller cells are cheaper where the spread is tiny
             full = np.count_nonzero(np.diff(keys)) * CELL_FILL < len(keys)
             if full or size > widest:
                 return cls(size, low, (nx, ny, nz), centres, keys, order)
@@ -68,24 +71,6 @@ class Cells:
         start = np.searchsorted(self.keys, base - 1, side="left")
         return start, np.searchsorted(self.keys, base + 1, side="right")
 
-    def meetings(self, cell: Int) -> Iterator[Meeting]:
-        """Yield (queries, centres of the 27 cells around theirs) for each cell that has both.
-
-        Parameters
-        ----------
-        cell : (p, 3) int
-            The cells of the queries, sorted by key; the queries are a range of these.
-
-        Centres are given as ranges in `order`.
-        """
-        keys = self._key(cell)
-        first = np.flatnonzero(np.concatenate((np.ones(min(len(keys), 1), bool), keys[1:] != keys[:-1])))
-        starts, stops = self._bounds(keys[first])
-        for i, (start, stop) in enumerate(zip(starts.tolist(), stops.tolist(), strict=True)):
-            ranges = [slice(a, b) for a, b in zip(start, stop, strict=True) if b > a]
-            if ranges:
-                yield slice(int(first[i]), int(first[i + 1]) if i + 1 < len(first) else len(keys)), ranges
-
     def sums(
         self,
         values: Float,
@@ -100,71 +85,117 @@ class Cells:
         than the size of a cell may be left out, and are zero for points more than a cell from all centres.
         """
         scale, k = math.sqrt(LN2) / spread, values.shape[1]
-        width = np.float32(self.size * scale)
-        cell = _cell(self.centres[self.order], self.low, self.size)
-        # all that a meeting needs of its centres, side by side: values, place in the cell, cell
-        packed = np.empty((len(self.order), k + 6), np.float32)
-        packed[:, :k] = values[self.order]
-        packed[:, k : k + 3] = self._within(self.centres[self.order], cell, scale)
-        packed[:, k + 3 :] = cell
+        values = values[self.order].astype(np.float32)
+        place = np.ascontiguousarray(((self.centres[self.order] - self.low) * scale).T)
         cell = _cell(points, self.low, self.size)
         inside = np.flatnonzero(((cell >= 0) & (cell < self.shape)).all(axis=1))
         rows = inside[np.argsort(self._key(cell[inside]), kind="stable")]
         cell = cell[rows]
-        x = self._within(points[rows], cell, scale)
+        # single precision bears the places within a few cells: they are taken from the middle of the query's
+        middle = np.ascontiguousarray((cell - 0.5).T) * (self.size * scale)
+        x = (((points[rows] - self.low) * scale).T - middle).astype(np.float32)
         # 2 x c - c^2 + (shift - x^2) in one product
         left = np.empty((len(rows), 5), np.float32)
-        np.multiply(x, 2.0, out=left[:, :3])
+        np.multiply(x.T, 2.0, out=left[:, :3])
         left[:, 3] = 1.0
         left[:, 4] = -_square(x) if shift is None else shift[rows] - _square(x)
         found = np.zeros((len(rows), k), np.float32)
+        meetings = self._meetings(self._key(cell))
 
-        def meet(some: list[Meeting]) -> int:
-            for queries, ranges in some:
-                near = np.concatenate([packed[part] for part in ranges])
-                c = near[:, k + 3 :] - cell[queries.start].astype(np.float32)
-                c *= width
-                c += near[:, k : k + 3]
-                right = np.empty((5, len(near)), np.float32)
-                right[:3] = c.T
-                np.negative(_square(c), out=right[3])
-                right[4] = 1.0
-                step = max(CACHED // len(near), 16)
-                for at in range(queries.start, queries.stop, step):
-                    part = slice(at, min(at + step, queries.stop))
-                    weights = left[part] @ right
-                    np.exp(weights, out=weights)
-                    np.matmul(weights, near[:, :k], out=found[part])
-            return some[-1][0].stop
+        def meet(some: slice) -> int:
+            first, query = meetings.first[some], meetings.queries(some)
+            index, none = meetings.centres(some)
+            right = np.empty((len(first), 5, index.shape[1]), np.float32)
+            for axis in range(3):
+                here = middle[axis, first][:, None]
+                np.subtract(place[axis].take(index), here, out=right[:, axis], casting="same_kind")
+            np.negative(_square(right[:, :3].swapaxes(0, 1)), out=right[:, 3])
+            right[:, 3][none] = NOTHING
+            right[:, 4] = 1.0
+            query = _in_parts(query, right[0].size)
+            weights = np.matmul(left.take(query, axis=0), right[:, None])
+            np.exp(weights, out=weights)
+            found[query] = np.matmul(weights, values.take(index, axis=0)[:, None])
+            return some.stop
 
-        meetings = np.count_nonzero(np.diff(self._key(cell))) + 1
-        # where each has little to work on, threads would only wait for each other's calls
-        each = in_threads if len(rows) * self.typical > CALLS * meetings else map
-        for done in each(meet, _together(self.meetings(cell))):
-            progress(done / len(points), "displacement field")
+        blocks = meetings.blocks()
+        parts = (blocks[start : start + HANDED] for start in range(0, len(blocks), HANDED))
+        for stops in in_threads(lambda part: [meet(some) for some in part], parts):
+            progress(stops[-1] / len(meetings.first), "displacement field")
         out = np.zeros((len(points), k), np.float32)
         out[rows] = found
         return out
 
+    def _meetings(self, keys: Int) -> _Meetings:
+        """Return which queries, whose cells are `keys` (p,), ascending, meet which centres."""
+        first = np.flatnonzero(np.concatenate((np.ones(min(len(keys), 1), bool), keys[1:] != keys[:-1])))
+        start, stop = self._bounds(keys[first])
+        length = stop - start
+        centres = length.sum(axis=1)
+        queries = np.diff(first, append=len(keys))
+        # queries of one cell in parts, none where no centre is near
+        most = np.clip(TOGETHER // np.maximum(centres, 1), FEWEST, MOST_QUERIES)
+        parts = -(-queries // most) * (centres > 0)
+        cell = np.repeat(np.arange(len(first)), parts)
+        nth = np.arange(len(cell)) - np.repeat(np.cumsum(parts) - parts, parts)
+        begin = first[cell] + nth * most[cell]
+        count = np.minimum(most[cell], first[cell] + queries[cell] - begin)
+        # those of like sizes stand together: little is to be filled up
+        order = np.lexsort((centres[cell], _filled(count)))
+        cell = cell[order]
+        return _Meetings(begin[order], count[order], start[cell], length[cell])
+
     def _key(self, cell: Int) -> Int:
         return np.asarray((cell[:, 0] * self.shape[1] + cell[:, 1]) * self.shape[2] + cell[:, 2])
 
-    def _within(self, points: Float, cell: Int, scale: float) -> Single:
-        """Place (p, 3) of points in their cells, from the middle of each, times `scale`."""
-        return ((points - self.low - (cell - 0.5) * self.size) * scale).astype(np.float32)
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Meetings:
+    """Queries of a cell and the centres in the 27 around it, m times; computed by blocks of like sizes."""
+
+    first: Int  # (m,) the first query
+    count: Int  # (m,) of queries, which follow each other
+    start: Int  # (m, 9) where the rows of three cells start among the centres
+    length: Int  # (m, 9) how many centres they have
+
+    def blocks(self) -> list[slice]:
+        """Cut into blocks of at most about `TOGETHER` kernel values, filled up to as many queries each."""
+        filled = _filled(self.count)
+        centres = self.length.sum(axis=1)
+        # no block has one of more than twice as many centres as another: that is how far they are filled up
+        like = np.stack((filled, np.frexp(centres)[1], np.cumsum(filled * centres) // TOGETHER))
+        cut = np.flatnonzero((like[:, 1:] != like[:, :-1]).any(axis=0)) + 1
+        return [slice(a, b) for a, b in pairwise([0, *cut.tolist(), len(self.count)]) if b > a]
+
+    def queries(self, some: slice) -> Int:
+        """Return the queries (b, q) of a block, filled up with the last of each."""
+        count = self.count[some, None]
+        return self.first[some, None] + np.minimum(np.arange(_filled(count[:1]).item()), count - 1)
+
+    def centres(self, some: slice) -> tuple[Int, np.ndarray]:
+        """Return the centres (b, c) of a block, filled up with the first of each, and which are filling."""
+        length = self.length[some]
+        total = length.sum(axis=1)
+        flat = length.ravel()
+        there = np.repeat(self.start[some].ravel() - np.cumsum(flat) + flat, flat) + np.arange(total.sum())
+        index = np.repeat(there[np.cumsum(total) - total], total.max()).reshape(len(total), -1)
+        filling = np.arange(index.shape[1]) >= total[:, None]
+        index[~filling] = there
+        return index, filling
 
 
-def _together(meetings: Iterator[Meeting]) -> Iterator[list[Meeting]]:
-    """Yield meetings of cells in lists of about as much work."""
-    some, work = [], 0
-    for queries, ranges in meetings:
-        some.append((queries, ranges))
-        work += (queries.stop - queries.start) * sum(part.stop - part.start for part in ranges) + CALLS
-        if work > TOGETHER:
-            yield some
-            some, work = [], 0
-    if some:
-        yield some
+def _filled(count: Int) -> Int:
+    """Return counts of queries filled up."""
+    to = np.where(count > FEW, FILLED[1], FILLED[0])
+    return np.asarray(-(-count // to) * to)
+
+
+def _in_parts(query: Int, each: int) -> Int:
+    """Return queries (b, q) as (b, parts, q / parts): products of `each` a query that are not `LOCKED`."""
+    size = query.shape[1]
+    while size * each > LOCKED and size % 2 == 0:
+        size //= 2
+    return query.reshape(len(query), -1, size)
 
 
 def _cell(points: Float, low: Float, size: float) -> Int:
@@ -173,5 +204,5 @@ def _cell(points: Float, low: Float, size: float) -> Int:
 
 
 def _square(vectors: Single) -> Single:
-    """Squared length (k,) of each row, in the rows' precision."""
-    return np.asarray(np.einsum("ij,ij->i", vectors, vectors))
+    """Squared length (...) of vectors (3, ...), in their precision."""
+    return np.asarray(vectors[0] * vectors[0] + vectors[1] * vectors[1] + vectors[2] * vectors[2])

@@ -41,7 +41,7 @@ REACHES = (1.3, 3.0, 6.0)  # spreads to the nearest centre: the classes of queri
 GRID_PER_SIGMA = 3.2
 GRID_CELLS = 3_000_000
 TAP_COST = 3.2  # of each node of the grid that a centre is laid on or a query read from, in kernel values
-FEW = 16  # points: to sort the centres for them takes longer than to look at them all
+FEW = 16  # points or centres: to sort the centres takes longer than to look at them all
 BLOCK = 4_000_000  # kernel values at a time: 16 MB in single, 32 MB in double precision
 ASKED = 8_000  # queries of the tree at a time
 
@@ -95,7 +95,8 @@ class DisplacementField:
         spreads away may weigh more than the cut-off allows for: `exact` bears that, too.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        if len(points) <= FEW or len(points) * len(self.centres) <= BLOCK // 8:
+        few = min(len(points), len(self.centres)) <= FEW
+        if few or len(points) * len(self.centres) <= BLOCK // 8:
             return self.exact(points, progress)
         nearest = self._nearest(points)
         out = np.empty_like(points)

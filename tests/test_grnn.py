@@ -402,22 +402,48 @@ def test_a_spread_however_small_takes_the_nearest_centre(scale):
         assert np.abs(got - displacements).max() < 1e-9, spread
 
 
-def test_only_meetings_of_cells_with_enough_to_do_go_to_threads(monkeypatch):
-    """Where each is a few calls on little, threads would wait for each other."""
-    bone = shapes.bone(3000)
-    asked = []
-    monkeypatch.setattr(cells, "in_threads", lambda work, parts: asked.append(1) or map(work, parts))
-    monkeypatch.setattr(grnn._Grid, "fitting", lambda *_: None)
-    for edges, handed in ((0.3, 0), (6.0, 1)):
-        asked.clear()
-        DisplacementField(bone.vertices, bone.vertices, edges * bone.mean_edge)(bone.vertices)
-        assert len(asked) == handed, edges
+def crowded():
+    """Queries and centres from far apart to a thousand in one place, which is where meetings differ most."""
+    random = np.random.default_rng(5)
+    heap = random.normal(scale=0.05, size=(1500, 3))
+    return np.concatenate((heap, random.uniform(-6.0, 6.0, (1500, 3)), [[40.0, 0.0, 0.0]]))
 
 
-def test_meetings_are_handed_out_in_parts_of_as_much_work(monkeypatch):
-    monkeypatch.setattr(cells, "TOGETHER", 1000)
-    monkeypatch.setattr(cells, "CALLS", 100)
-    small, large = (slice(0, 10), [slice(0, 10)]), (slice(10, 30), [slice(0, 40), slice(50, 60)])
-    parts = list(cells._together(iter([small] * 6 + [large] + [small])))
-    assert [len(part) for part in parts] == [6, 1, 1]
-    assert [meeting for part in parts for meeting in part] == [small] * 6 + [large] + [small]
+def test_each_query_meets_all_centres_of_the_cells_around_it_once(monkeypatch):
+    monkeypatch.setattr(cells, "TOGETHER", 20_000)
+    points = crowded()
+    found = cells.Cells.of(points, 1.0)
+    cell = np.floor((points - found.low) / found.size).astype(np.int64)
+    near = (np.abs(cell[:, None] - cell) <= 1).all(axis=2)
+    got = found.sums(np.ones((len(points), 1)), 1e9, points)[:, 0]
+    np.testing.assert_array_equal(got, near.sum(axis=1))
+
+
+def test_a_block_of_meetings_is_little_filled_up(monkeypatch):
+    """However crowded a place, no block takes more memory than was meant."""
+    monkeypatch.setattr(cells, "TOGETHER", 20_000)
+    points = crowded()
+    found = cells.Cells.of(points, 1.0)
+    keys = np.sort(found._key(cells._cell(points, found.low, found.size)))
+    meetings = found._meetings(keys)
+    blocks = meetings.blocks()
+    assert [block.start for block in blocks] == [0, *(block.stop for block in blocks[:-1])]
+    assert blocks[-1].stop == len(meetings.count)
+    met = []
+    for block in blocks:
+        query, (index, filling) = meetings.queries(block), meetings.centres(block)
+        assert (filling.sum(axis=1) < 0.5 * index.shape[1]).all()
+        least = cells.FEWEST * index.shape[1]  # of the queries of one cell
+        assert query.size * index.shape[1] <= 2 * max(cells.TOGETHER + least, least)
+        met.append(query)
+    assert set(np.concatenate([query.ravel() for query in met])) == set(range(len(points)))
+
+
+def test_products_of_matrices_stay_below_where_openblas_locks():
+    for each in (5, 5_000, 50_000):
+        for count in range(1, cells.MOST_QUERIES + 1):
+            filled = int(cells._filled(np.array([count]))[0])
+            assert filled >= count and filled - count < 16 and (count > 32 or filled - count < 4)
+            query = cells._in_parts(np.arange(filled)[None], each)
+            assert query.size == filled
+            assert query.shape[2] * each <= cells.LOCKED or query.shape[2] % 2

@@ -107,7 +107,6 @@ def test_threads_change_no_bit(job, monkeypatch):
     monkeypatch.setattr(nearest, "BLOCK_PAIRS", 4000)  # so that there are several blocks
     monkeypatch.setattr(frames, "BLOCK", 500)
     monkeypatch.setattr(grnn, "ASKED", 500)
-    monkeypatch.setattr(cells, "CALLS", 0)
     monkeypatch.setattr(cells, "TOGETHER", 10_000)
     monkeypatch.setattr(balls, "AT_ONCE", 500)
     monkeypatch.setattr(crew, "BLOCK", 300)
