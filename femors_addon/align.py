@@ -11,8 +11,8 @@ import dataclasses
 
 import numpy as np
 
+from .crew import at_once
 from .icp import Cloud, Fit, Registration, icp, matched
-from .limits import at_once
 from .mesh import Float, Surface
 from .poses import best_start, canonical_frame, decided
 from .progress import Progress, silent

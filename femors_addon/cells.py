@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from .cached import cached_property
-from .limits import in_threads
+from .crew import over
 from .mesh import Float, Int, Single
 from .progress import Progress, silent
 
@@ -120,7 +120,7 @@ class Cells:
 
         blocks = meetings.blocks()
         parts = (blocks[start : start + HANDED] for start in range(0, len(blocks), HANDED))
-        for stops in in_threads(lambda part: [meet(some) for some in part], parts):
+        for stops in over(lambda part: [meet(some) for some in part], parts):
             progress(stops[-1] / len(meetings.first), "displacement field")
         out = np.zeros((len(points), k), np.float32)
         out[rows] = found

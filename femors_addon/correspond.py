@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from .crew import at_once
 from .cutouts import normals_at
 from .grnn import DisplacementField
-from .limits import at_once
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .progress import Progress, silent
@@ -57,7 +57,7 @@ def by_surface(source: Surface, target: Target, partial: str, progress: Progress
 
     Where one mesh is partial only its own nodes ask; matches to the open border of the searched
     mesh, which stands for all that is missing beyond, are left out. `progress` is told the same again and
-    again where both ways go at once, see `limits.at_once`.
+    again where both ways go at once, see `crew.at_once`.
     """
     whole = target.index.surface
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Threads that stay for the whole of a job, and share what can be done side by side, parts within parts too.
 
-`limits.in_threads` begins threads for each call and takes blocks of one long piece of work. A removal is
-thousands of pieces of some milliseconds, one within another: here a piece is offered to the others, and
-done by whoever offered it where nobody has taken it by then. Who waits for a piece takes others meanwhile: so
-nobody waits for what has not begun, and there are never more threads at work than are allowed.
+A piece of work is offered to the others, and done by whoever offered it where nobody has taken it by then.
+Who waits for a piece takes others meanwhile: so nobody waits for what has not begun, and there are never
+more threads at work than are allowed. Results are the same for any number of threads, as long as no piece
+needs what another writes.
 """
 
 from __future__ import annotations
@@ -14,39 +14,39 @@ from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from itertools import islice
-from typing import Any, TypeVar
+from itertools import chain, islice
+from typing import Any, TypeVar, cast
 
-from . import limits
+from .limits import Limits
+from .progress import Cancelled, Progress, silent
 
 R = TypeVar("R")
 T = TypeVar("T")
 Job = Callable[[], R]
 
+AHEAD = 2  # parts for each thread that are begun before the first is done: no more are held in memory
 BLOCK = 20_000  # rows: some 20 ms of a search
+LOOK = 0.05  # seconds between two looks at whether jobs in other threads are to be cancelled
 
 _here = threading.local()  # `crew` is that of the thread
 
 
 @contextmanager
 def crew() -> Iterator[None]:
-    """Keep as many threads as are allowed, this one included, for `each`, `together` and `ordered`."""
-    count = limits.Limits.threads - 1
-    if count < 1 or getattr(limits.within, "thread", False) or getattr(_here, "crew", None):
+    """Keep as many threads as are allowed, this one included; within a crew there is no other."""
+    if Limits.threads < 2 or getattr(_here, "crew", None):
         yield
         return
     own = _Crew()
     threads: list[threading.Thread] = []
     _here.crew = own
-    limits.within.thread = True  # blocks within a piece are done one after the other
     try:
-        for number in range(count):
+        for number in range(Limits.threads - 1):
             thread = threading.Thread(target=own.serve, name=f"femors-{number}")
             thread.start()
             threads.append(thread)
         yield
     finally:
-        limits.within.thread = False
         _here.crew = None
         own.close()
         for thread in threads:
@@ -56,26 +56,10 @@ def crew() -> Iterator[None]:
 def each(jobs: Sequence[Job[R]]) -> Generator[R]:
     """Yield what each job returns, in their order; none may need what another writes.
 
-    Without a crew they go to the threads of `limits.in_threads`.
-
     The consumer may raise, `Cancelled` for instance: jobs that have not begun are dropped, and those that
     have are waited for. The same holds where a job raises.
     """
-    mine: _Crew | None = getattr(_here, "crew", None)
-    if mine is None or len(jobs) < 2:
-        yield from limits.in_threads(lambda job: job(), jobs)
-        return
-    tasks = [_Task(job) for job in jobs]
-    mine.offer(tasks[:0:-1])  # the last is taken first by the others, the first by this thread
-    try:
-        for task in tasks:
-            if task is tasks[0] or mine.claim(task):
-                task.run()
-            yield mine.outcome(task)
-    finally:
-        for task in tasks[1:]:
-            if not mine.claim(task):
-                task.done.wait()
+    return over(lambda job: job(), jobs, len(jobs))
 
 
 def together(jobs: Sequence[Job[R]]) -> list[R]:
@@ -83,17 +67,19 @@ def together(jobs: Sequence[Job[R]]) -> list[R]:
     return list(each(jobs))
 
 
-def over(work: Callable[[T], R], parts: Iterable[T]) -> Iterator[R]:
-    """Yield what the work returns for each part, in order: with the crew, or in threads without one.
+def over(work: Callable[[T], R], parts: Iterable[T], ahead: int = 0) -> Generator[R]:
+    """Yield what the work returns for each part, in order; see `each`.
 
-    Parts may be endless or large: no more are begun than `limits.AHEAD` for each thread.
+    Parts may be endless or large: no more are begun than `ahead`, `AHEAD` for each thread if 0. Without a
+    crew there is one for as long as this lasts.
     """
-    if getattr(_here, "crew", None) is None:
-        yield from limits.in_threads(work, parts)
-        return
     parts = iter(parts)
-    while some := list(islice(parts, limits.AHEAD * limits.Limits.threads)):
-        yield from each([partial(work, part) for part in some])
+    first = list(islice(parts, 2))
+    if len(first) < 2 or Limits.threads < 2:
+        yield from map(work, chain(first, parts))
+        return
+    with crew():
+        yield from _over(_here.crew, work, chain(first, parts), ahead or AHEAD * Limits.threads)
 
 
 def in_blocks(work: Callable[[slice], R], count: int) -> list[R]:
@@ -103,6 +89,103 @@ def in_blocks(work: Callable[[slice], R], count: int) -> list[R]:
     """
     starts = range(0, max(count, 1), BLOCK)
     return together([partial(work, slice(start, start + BLOCK)) for start in starts])
+
+
+def at_once(*jobs: Callable[[Progress], Any], progress: Progress = silent) -> list[Any]:
+    """Return what each job returns; none may need what another writes.
+
+    This thread alone reports to `progress`, now and then; where it is told to cancel, or a job fails, the
+    others stop as they next report. What is reported has to be the same each time, see `progress.repeating`.
+    """
+    if Limits.threads < 2:
+        return [job(progress) for job in jobs]
+    stop, failed = _Stop(progress), list[BaseException]()
+
+    def run(job: Callable[[Progress], Any]) -> Any:
+        try:
+            return job(stop)
+        except BaseException as error:
+            failed.append(error)
+            stop.set()
+            raise
+
+    with crew():
+        try:
+            return list(_over(_here.crew, run, iter(jobs), len(jobs), stop))
+        except BaseException as error:  # the others were only told to stop
+            raise failed[0] if failed else error from None
+
+
+@contextmanager
+def aside(job: Callable[[Progress], R], progress: Progress = silent) -> Iterator[Callable[[], R]]:
+    """Offer a job to whoever has nothing else to do, and give what waits for its result.
+
+    Where nobody has taken it, it is done when it is asked for, and reports to `progress`. Where the block is
+    left before, it is stopped as it next reports, and waited for.
+    """
+    mine: _Crew | None = getattr(_here, "crew", None)
+    if mine is None:
+        yield lambda: job(progress)
+        return
+    stop = _Stop()
+    task = _Task(partial(job, stop))
+    mine.offer([task], later=True)
+
+    def result() -> R:
+        if mine.claim(task):
+            task.job = partial(job, progress)
+            task.run()
+        return cast("R", mine.outcome(task))
+
+    try:
+        yield result
+    finally:
+        stop.set()
+        if not mine.claim(task):
+            task.done.wait()
+
+
+class _Stop:
+    """What jobs in several threads report to: it raises `Cancelled` once it is set, in any of them."""
+
+    def __init__(self, progress: Progress = silent) -> None:
+        self._progress, self._owner, self._left = progress, threading.get_ident(), False
+
+    def set(self) -> None:
+        """Have whoever reports stop."""
+        self._left = True
+
+    def __call__(self, _fraction: float, _text: str) -> None:
+        if self._left:
+            raise Cancelled
+        if threading.get_ident() == self._owner:
+            try:
+                self._progress(0.0, "")
+            except BaseException:
+                self.set()
+                raise
+
+
+def _over(
+    mine: _Crew, work: Callable[[T], R], parts: Iterator[T], ahead: int, look: Progress | None = None
+) -> Generator[R]:
+    """As `over`, by a crew; who waits reports to `look` now and then."""
+    tasks = deque[_Task]()
+    try:
+        while True:
+            more = [_Task(partial(work, part)) for part in islice(parts, ahead - len(tasks))]
+            mine.offer(more[::-1])  # the last is taken first by the others, the first by this thread
+            tasks.extend(more)
+            if not tasks:
+                return
+            if mine.claim(tasks[0]):
+                tasks[0].run()
+            yield mine.outcome(tasks[0], look)
+            tasks.popleft()
+    finally:
+        for task in tasks:
+            if not mine.claim(task):
+                task.done.wait()
 
 
 def ordered(jobs: Sequence[Job[R]], needs: Sequence[Collection[int]]) -> list[R]:
@@ -140,23 +223,24 @@ class _Crew:
     """What is offered, and the threads that take it."""
 
     def __init__(self) -> None:
-        self._offers: deque[_Task] = deque()
+        self._offers, self._later = deque[_Task](), deque[_Task]()
         self.changed = threading.Condition()
         self._open = True
 
-    def offer(self, tasks: Sequence[_Task]) -> None:
-        """Offer tasks to whoever is idle; the first is taken first."""
+    def offer(self, tasks: Sequence[_Task], later: bool = False) -> None:
+        """Offer tasks to whoever is idle; the first is taken first, `later` after all others."""
         with self.changed:
-            self._offers.extend(reversed(tasks))
+            (self._later if later else self._offers).extend(reversed(tasks))
             self.changed.notify_all()
 
     def claim(self, task: _Task) -> bool:
         """Take a task back; whether nobody else has it."""
         with self.changed:
-            if task not in self._offers:
-                return False
-            self._offers.remove(task)
-            return True
+            for offers in (self._offers, self._later):
+                if task in offers:
+                    offers.remove(task)
+                    return True
+            return False
 
     def take(self) -> _Task | None:
         """Take what was offered last, if anything is; call with `changed` held."""
@@ -168,7 +252,7 @@ class _Crew:
         with self.changed:
             self.changed.notify_all()
 
-    def outcome(self, task: _Task) -> Any:
+    def outcome(self, task: _Task, look: Progress | None = None) -> Any:
         """Return what a task has given, and do meanwhile what others offer: parts of that task, often.
 
         What is waited for is a part of what waits, and began later: no two threads wait for each other.
@@ -176,24 +260,24 @@ class _Crew:
         while not task.done.is_set():
             with self.changed:
                 other = self.take()
-                while other is None and not task.done.is_set():
-                    self.changed.wait()
-                    other = self.take()
+                if other is None and not task.done.is_set():
+                    self.changed.wait(LOOK if look else None)
             if other is not None:
                 self.do(other)
+            elif look:
+                look(0.0, "")
         return task.outcome()
 
     def serve(self) -> None:
         """Work on what is offered until the crew is closed; then nobody waits for what is left."""
         _here.crew = self
-        limits.within.thread = True
         while True:
             with self.changed:
-                while self._open and not self._offers:
+                while self._open and not (self._offers or self._later):
                     self.changed.wait()
-                task = self.take() if self._open else None
-            if task is None:
-                return
+                if not self._open:
+                    return
+                task = self.take() or self._later.pop()
             self.do(task)
 
     def close(self) -> None:

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .limits import in_threads
+from .crew import over
 from .mesh import Float, Surface
 from .progress import Progress, silent
 
@@ -124,7 +124,7 @@ class SmoothMap:
             out[rows] = self._block(points[rows], level[rows])
             return start
 
-        for start in in_threads(carry, range(0, len(points), BLOCK)):
+        for start in over(carry, range(0, len(points), BLOCK)):
             progress(start / max(len(points), 1), "carrying points")
         return out
 

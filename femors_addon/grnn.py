@@ -30,7 +30,7 @@ from scipy.spatial import cKDTree
 
 from .cached import cached_property
 from .cells import LN2, MOST, Cells
-from .limits import in_threads
+from .crew import over
 from .mesh import Float, Int, frozen
 from .progress import FemorsError, Progress, silent
 
@@ -148,7 +148,7 @@ class DisplacementField:
     def _nearest(self, points: Float) -> Float:
         """Distance (p,) of each query to the nearest centre, in spreads."""
         parts = (points[start : start + ASKED] for start in range(0, len(points), ASKED))
-        return np.concatenate(list(in_threads(lambda part: self._tree.query(part)[0], parts))) / self.spread
+        return np.concatenate(list(over(lambda part: self._tree.query(part)[0], parts))) / self.spread
 
     def _by_cells(self, cells: Cells, points: Float, nearest: Float, progress: Progress) -> Float:
         """Evaluate over the centres in the 27 cells around each query."""
@@ -236,7 +236,7 @@ class _Grid:
             grids[:, column] = grid.ravel()
             return column
 
-        for column in in_threads(smoothed, range(4)):
+        for column in over(smoothed, range(4)):
             progress(0.4 + 0.1 * column, "displacement field")
         out = np.empty_like(points)
 
@@ -255,7 +255,7 @@ class _Grid:
             rows = slice(start, start + ASKED)
             self._tap(points[rows], weights[rows], index[rows])
 
-        for _ in in_threads(fill, range(0, count, ASKED)):
+        for _ in over(fill, range(0, count, ASKED)):
             pass
         start = np.arange(0, each * count + 1, each, dtype=np.int32)
         taps = (weights.ravel(), index.ravel(), start)

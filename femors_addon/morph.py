@@ -22,10 +22,11 @@ from numpy.typing import ArrayLike
 from . import settings as declared
 from .cleaning import Cleaned, clean, distinct_nodes
 from .correspond import Target, Vectors, by_nearest, by_surface, shortened, widening
+from .crew import aside, at_once, crew
 from .folds import bad_faces, unfolded
 from .grnn import DisplacementField
 from .landmark_pairs import Pairs
-from .limits import aside, at_once, pooled, require_memory
+from .limits import require_memory
 from .mend import mended
 from .mesh import Float, Int, Surface
 from .morph_outcome import Outcome, compared_before, result_of
@@ -48,7 +49,7 @@ MEMORY_LEAST, MEMORY_NODE = 30e6, 2.3e3  # bytes: what a morph was measured to t
 FIELD_SPREAD = 0.75  # mean edges: the spread of the field that is kept
 
 
-@pooled()
+@crew()
 def morph(
     source: Surface,
     target: Surface,

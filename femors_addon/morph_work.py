@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 
 from .align import Alignment, align
 from .cleaning import Cleaned
+from .crew import at_once
 from .curve import numbered, ordered
 from .folds import Reference
 from .icp import SAMPLE
 from .landmark_pairs import Pairs
-from .limits import at_once
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex

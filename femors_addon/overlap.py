@@ -12,7 +12,7 @@ import dataclasses
 
 import numpy as np
 
-from .limits import in_threads
+from .crew import over
 from .mesh import Float, Surface
 from .progress import FemorsError
 from .raster import fragments
@@ -64,7 +64,7 @@ def overlap(first: Surface, second: Surface, lines: int = LINES) -> Overlap:
     low = np.minimum(first.bounds[0], second.bounds[0])
     high = np.maximum(first.bounds[1], second.bounds[1])
     cell = float((high - low).max()) / lines
-    found = np.array(list(in_threads(lambda axis: _along(axis, first, second, low, high, cell), range(3))))
+    found = np.array(list(over(lambda axis: _along(axis, first, second, low, high, cell), range(3))))
     one, two, common = found.mean(axis=0)
     xor = found[:, 0] + found[:, 1] - 2.0 * found[:, 2]
     apart = max(0.0, float(xor.mean()))  # of two that are the same, rounding may be below nothing

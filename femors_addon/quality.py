@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import triples
+from .crew import in_blocks
 from .intersect import Piercings, crossings, piercings, self_intersections
-from .limits import free_threads
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 from .progress import Progress, part, silent
@@ -207,7 +207,8 @@ def nearest_vertex_distance(points: ArrayLike, target_vertices: ArrayLike) -> Fl
     target = np.asarray(target_vertices, dtype=np.float64).reshape(-1, 3)
     if not len(points) or not len(target):
         return np.zeros(len(points))
-    return np.asarray(cKDTree(target, balanced_tree=False).query(points, workers=free_threads())[0])
+    tree = cKDTree(target, balanced_tree=False)
+    return np.concatenate(in_blocks(lambda block: np.asarray(tree.query(points[block])[0]), len(points)))
 
 
 def _used(surface: Surface) -> Float:

@@ -14,7 +14,7 @@ import pytest
 from solids import hexes
 
 from femors_addon import limits
-from femors_addon.crew import crew, each, ordered, over, together
+from femors_addon.crew import AHEAD, crew, each, ordered, over, together
 from femors_addon.overclosure import Body, OverclosureSettings, check_overclosure, remove_overclosure
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import sphere
@@ -167,25 +167,53 @@ def test_parts_of_long_work_keep_their_order_and_few_are_begun(threads):
             found = []
             for square in over(lambda n: n**2, parts):
                 found.append(square)
-                assert len(asked) <= len(found) + limits.AHEAD * threads + 1
+                assert len(asked) <= len(found) + AHEAD * threads + 1
                 if len(found) == 50:
                     break
         assert found == [n**2 for n in range(50)]
 
 
-def test_without_a_crew_pieces_go_to_the_threads_that_are_kept():
+def test_without_a_crew_there_is_one_for_as_long_as_it_is_asked():
     limits.allow(2, 0)
-    with limits.pooled():
-        seen = set(together([lambda: time.sleep(0.002) or threading.get_ident()] * 20))
-    assert len(seen) == 2 and threading.get_ident() not in seen
+    before = threading.active_count()
+    seen = set(together([lambda: time.sleep(0.002) or threading.get_ident()] * 20))
+    assert len(seen) == 2 and threading.get_ident() in seen
+    assert threading.active_count() == before
 
 
-def test_blocks_within_a_piece_start_no_threads():
+def test_who_stops_listening_leaves_no_thread_behind():
+    limits.allow(2, 0)
+    begun: list[int] = []
+
+    def work(part: int) -> int:
+        begun.append(part)
+        time.sleep(0.002)
+        return part
+
+    def listen(error: type[BaseException]) -> None:
+        for part in over(work, itertools.count()):
+            if part == 5:
+                raise error
+
+    for outside in (nullcontext, crew):
+        with outside():
+            for error in (Cancelled, KeyboardInterrupt):
+                begun.clear()
+                with pytest.raises(error):
+                    listen(error)
+                count = len(begun)
+                assert count < 20
+                time.sleep(0.01)
+                assert len(begun) == count
+            assert together([lambda: 1, lambda: 2]) == [1, 2]
+
+
+def test_a_search_within_a_piece_starts_no_threads():
     limits.allow(2, 0)
     with crew():
-        seen = together([lambda: set(limits.in_threads(lambda _: threading.get_ident(), range(9)))] * 2)
-    assert all(len(one) == 1 for one in seen)
-    assert len(set(limits.in_threads(lambda _: time.sleep(0.01) or threading.get_ident(), range(9)))) == 2
+        before = threading.active_count()
+        seen = together([lambda: [threading.active_count(), *over(lambda _: 0, range(9))][0]] * 4)
+        assert set(seen) == {before}
 
 
 # --- removals -------------------------------------------------------------------------------------------

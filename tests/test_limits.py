@@ -5,15 +5,12 @@ from __future__ import annotations
 
 import json
 import os
-import threading
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 from surfaces import soup
 
-from femors_addon import balls, cells, crew, frames, grnn, limits, nearest, quality
-from femors_addon import morph as morph_module
+from femors_addon import balls, cells, crew, frames, grnn, limits, nearest
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
 from femors_addon.grnn import DisplacementField
@@ -22,7 +19,7 @@ from femors_addon.keptfield import KeptField
 from femors_addon.morph import morph
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.overclosure import Body, check_overclosure, remove_overclosure
-from femors_addon.progress import Cancelled, FemorsError
+from femors_addon.progress import FemorsError
 from femors_addon.regions import RegionMap
 from femors_addon.shapes import pair, sphere, warp
 from femors_addon.transfer import Transfer
@@ -113,10 +110,7 @@ def test_threads_change_no_bit(job, monkeypatch):
     limits.allow(1, 0)
     one = job()
     started = set()
-    pool, thread = limits.ThreadPoolExecutor, crew.threading.Thread
-    monkeypatch.setattr(
-        limits, "ThreadPoolExecutor", lambda count, **more: started.add(count) or pool(count, **more)
-    )
+    thread = crew.threading.Thread
     monkeypatch.setattr(
         crew.threading, "Thread", lambda **more: started.add(limits.Limits.threads) or thread(**more)
     )
@@ -126,74 +120,9 @@ def test_threads_change_no_bit(job, monkeypatch):
     assert {2, 3} <= started, "it runs in threads at all"
 
 
-def test_a_search_takes_no_more_threads_than_are_left(monkeypatch):
-    """On its own all that are allowed, beside a job the rest, and one within a thread or as that job."""
-    taken = []
-
-    class Tree(cKDTree):
-        def query(self, points, workers=1):
-            taken.append(workers)
-            return super().query(points)
-
-    monkeypatch.setattr(quality, "cKDTree", Tree)
-
-    def search(*_):
-        quality.nearest_vertex_distance(BONES.source.vertices, BONES.target.vertices)
-
-    limits.allow(3, 0)
-    search()
-    list(limits.in_threads(search, range(2)))
-    assert taken == [3, 1, 1]
-    begun, done = threading.Event(), threading.Event()
-    with limits.aside(lambda progress: (search(), begun.set(), done.wait(60))) as result:
-        assert begun.wait(60)
-        search()
-        done.set()
-        result()
-    search()
-    assert taken[3:] == [1, 2, 3]
-
-
 def test_no_threads_asked_are_all_there_are():
     limits.allow(0, 0)
     assert limits.Limits.threads == os.cpu_count()
-
-
-def test_threads_keep_the_order_hold_few_parts_and_end_with_the_consumer():
-    limits.allow(2, 0)
-    begun = []
-
-    def parts():
-        for number in range(100):
-            begun.append(number)
-            yield number
-
-    for number, got in enumerate(limits.in_threads(lambda one: one * one, parts())):
-        assert got == number**2 and len(begun) - number <= limits.AHEAD * 2 + 2
-        if number == 40:
-            break
-    assert len(begun) < 60
-
-    def fails(one):
-        raise ValueError(str(one))
-
-    with pytest.raises(ValueError, match=r"^0$"):
-        list(limits.in_threads(fails, range(9)))
-
-
-def test_threads_within_threads_are_no_more_than_allowed():
-    limits.allow(2, 0)
-    seen = set()
-
-    def inner(one):
-        seen.add(threading.get_ident())
-        return one
-
-    def outer(one):
-        return sum(limits.in_threads(inner, range(8)))
-
-    assert list(limits.in_threads(outer, range(6))) == [28] * 6
-    assert len(seen) <= 2
 
 
 def measure_only(progress):
@@ -281,93 +210,3 @@ def test_corners_of_one_node_are_carried_once_and_alike(monkeypatch):
     assert [len(points) for points in asked] == [len(nodes), len(nodes)]
     assert len(np.unique(many.points, axis=0)) == len(nodes)
     np.testing.assert_allclose(many.points, one.points[BONES.target.faces.ravel()], atol=1e-9)
-
-
-def test_a_job_aside_is_done_when_it_is_asked_for_where_one_thread_is_allowed():
-    limits.allow(1, 0)
-    done = []
-    with limits.aside(lambda _progress: done.append(threading.current_thread())) as wait:
-        assert not done
-        wait()
-        assert done == [threading.current_thread()]
-    with limits.aside(lambda _progress: done.clear()):  # nobody asks
-        pass
-    assert done
-
-
-def test_a_job_aside_reports_and_may_be_cancelled_of_one_thread_too():
-    limits.allow(1, 0)
-
-    def cancelling(fraction, text):
-        raise Cancelled
-
-    with limits.aside(lambda progress: progress(0.5, "half"), cancelling) as wait, pytest.raises(Cancelled):
-        wait()
-
-
-def test_a_job_aside_runs_beside_the_rest_as_one_of_the_threads_allowed(monkeypatch):
-    limits.allow(3, 0)
-    pools, go_on = [], threading.Event()
-    pool = limits.ThreadPoolExecutor
-    monkeypatch.setattr(
-        limits, "ThreadPoolExecutor", lambda count, **more: pools.append(count) or pool(count, **more)
-    )
-
-    def job(_progress):
-        assert go_on.wait(10)
-        return list(limits.in_threads(str, range(3)))  # no threads of its own
-
-    with limits.aside(job) as wait:
-        while not limits.Limits.aside:
-            pass
-        assert list(limits.in_threads(abs, [-1, -2])) == [1, 2]
-        go_on.set()
-        assert wait() == ["0", "1", "2"]
-    assert list(limits.in_threads(abs, [-1, -2])) == [1, 2]
-    assert pools == [1, 2, 3]
-    assert limits.Limits.aside == 0
-
-
-def test_a_job_aside_is_stopped_where_the_rest_fails_and_its_own_failure_is_told():
-    limits.allow(2, 0)
-    looks = []
-
-    def endless(progress):
-        while True:
-            looks.append(None)
-            progress(0.5, "")
-
-    with pytest.raises(ZeroDivisionError), limits.aside(endless):
-        while not looks:
-            pass
-        raise ZeroDivisionError
-    seen = len(looks)
-    assert limits.Limits.aside == 0
-    assert len(looks) == seen  # it has ended
-
-    with limits.aside(lambda _progress: 1 // 0) as wait, pytest.raises(ZeroDivisionError):
-        wait()
-
-
-def test_a_morph_measures_beside_its_iterations_and_ends_both_when_it_is_cancelled(monkeypatch):
-    where, main = [], threading.current_thread()
-    whole = morph_module.compared_before
-
-    def noted(*args):
-        where.append(threading.current_thread())
-        return whole(*args)
-
-    monkeypatch.setattr(morph_module, "compared_before", noted)
-    for threads, beside in ((1, False), (2, True)):
-        limits.allow(threads, 0)
-        morph(BONES.source, BONES.target)
-        assert (where.pop() is not main) == beside
-
-    def cancelling(_fraction, text):
-        if "iteration 3" in text:
-            raise Cancelled
-
-    with pytest.raises(Cancelled):
-        morph(BONES.source, BONES.target, progress=cancelling)
-    assert not where[0].is_alive()
-    assert limits.Limits.aside == 0

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Jobs side by side that report and may be cancelled: who is heard, who is stopped, and that all end."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from femors_addon import limits
+from femors_addon import morph as morph_module
+from femors_addon.crew import aside, at_once, crew, over, together
+from femors_addon.morph import morph
+from femors_addon.progress import Cancelled
+from femors_addon.shapes import pair
+
+
+@pytest.fixture(autouse=True)
+def three_threads():
+    before = limits.Limits.threads, limits.Limits.memory
+    limits.allow(3, 0)
+    yield
+    limits.Limits.threads, limits.Limits.memory = before
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("femors-")]
+
+
+def who(_part: int = 0) -> threading.Thread:
+    time.sleep(0.002)  # for the others to take a part
+    return threading.current_thread()  # kept: numbers come again
+
+
+def test_threads_are_begun_once_and_gone_at_the_end():
+    before = threading.active_count()
+    with crew():
+        met = {thread for _ in range(20) for thread in over(who, range(6))}
+        met |= set(at_once(*[lambda _: who()] * 6))
+        assert 1 < len(met) <= 3 and threading.current_thread() in met
+        assert threading.active_count() <= before + 2
+    assert threading.active_count() == before
+    assert not (set(over(who, range(6))) - {threading.current_thread()}) & met  # others, for this call alone
+    assert threading.active_count() == before
+
+
+def test_one_part_is_done_where_it_is_asked_for():
+    for threads in (1, 3):
+        limits.allow(threads, 0)
+        with crew():
+            assert list(over(who, iter([1]))) == [threading.current_thread()]
+            assert list(over(who, [])) == []
+
+
+# --- at once --------------------------------------------------------------------------------------------
+def test_jobs_at_once_are_done_one_after_the_other_of_one_thread():
+    limits.allow(1, 0)
+    told: list[int] = []
+    jobs = [lambda progress, n=n: progress(0.0, "") or n for n in range(4)]
+    assert at_once(*jobs, progress=lambda *_: told.append(1)) == [0, 1, 2, 3]
+    assert len(told) == 4
+
+
+def test_only_the_thread_that_asked_is_heard():
+    heard = set()
+
+    def job(progress):
+        for _ in range(30):
+            time.sleep(0.002)
+            progress(0.0, "")
+        return threading.get_ident()
+
+    def nested(progress):
+        return set(at_once(job, job, progress=progress))
+
+    for jobs in ([job] * 5, [nested] * 3):
+        heard.clear()
+        done = at_once(*jobs, progress=lambda *_: heard.add(threading.get_ident()))
+        assert len(done) == len(jobs)
+        assert heard == {threading.get_ident()}
+
+
+def test_who_waits_looks_now_and_then():
+    """The last job in another thread may be long."""
+    begun, told, calls = threading.Event(), threading.Event(), []
+
+    def progress(_fraction, _text):
+        calls.append(1)
+        if len(calls) == 3:
+            told.set()
+
+    limits.allow(2, 0)
+    at_once(lambda _: begun.wait(10), lambda _: begun.set() or told.wait(10), progress=progress)
+    assert told.is_set()
+
+
+def test_jobs_at_once_have_ended_when_a_cancel_is_told():
+    begun, ended = [], []
+
+    def job(progress):
+        begun.append(1)
+        try:
+            for _ in range(100):
+                time.sleep(0.02)
+                progress(0.0, "")
+        finally:
+            time.sleep(0.05)
+            ended.append(1)
+
+    def cancel(_fraction, _text):
+        if len(begun) == 2:
+            raise Cancelled
+
+    with crew():
+        with pytest.raises(Cancelled):
+            at_once(job, job, progress=cancel)
+        assert ended == begun == [1, 1]
+
+
+def test_the_job_that_fails_is_told_and_the_others_are_stopped():
+    begun = threading.Event()
+
+    def fails(_progress):
+        assert begun.wait(10)
+        return 1 / 0
+
+    def endless(progress):
+        begun.set()
+        while True:
+            progress(0.0, "")
+            time.sleep(0.001)
+
+    for jobs in ((endless, fails), (fails, endless)):
+        begun.clear()
+        with crew():
+            with pytest.raises(ZeroDivisionError):
+                at_once(*jobs)
+            assert together([lambda: 1, lambda: 2]) == [1, 2]  # fit for work
+
+
+# --- aside ----------------------------------------------------------------------------------------------
+def test_a_job_aside_is_done_when_it_is_asked_for_where_one_thread_is_allowed():
+    limits.allow(1, 0)
+    done = []
+    with crew(), aside(lambda _progress: done.append(threading.current_thread())) as wait:
+        assert not done
+        wait()
+        assert done == [threading.current_thread()]
+    with crew(), aside(lambda _progress: done.clear()):  # nobody asks
+        pass
+    assert done
+
+
+def test_a_job_aside_that_nobody_has_taken_reports_and_may_be_cancelled():
+    busy, go_on = [], threading.Event()
+
+    def cancelling(fraction, text):
+        raise Cancelled
+
+    def hold() -> None:
+        busy.append(1)
+        assert go_on.wait(10)
+
+    def ask() -> None:
+        while len(busy) < limits.Limits.threads - 1:
+            time.sleep(0.001)
+        with aside(lambda progress: progress(0.5, "half"), cancelling) as wait, pytest.raises(Cancelled):
+            wait()
+        go_on.set()
+
+    for threads in (1, 3):
+        limits.allow(threads, 0)
+        busy.clear()
+        go_on.clear()
+        with crew():
+            together([ask] + [hold] * (threads - 1))
+
+
+def test_a_job_aside_begins_beside_the_rest_which_takes_parts_of_it():
+    limits.allow(2, 0)
+    begun, go_on = threading.Event(), threading.Event()
+
+    def job(_progress):
+        begun.set()
+        assert go_on.wait(10)
+        return list(over(who, range(30)))
+
+    with crew(), aside(job) as wait:
+        assert begun.wait(10)
+        assert list(over(who, range(4))) == [threading.current_thread()] * 4  # the other is at the job
+        go_on.set()
+        parts = wait()
+    assert len(set(parts)) == 2 and threading.current_thread() in parts
+
+
+def test_what_is_offered_comes_before_what_is_aside():
+    limits.allow(2, 0)
+    done, busy, go_on = [], threading.Event(), threading.Event()
+
+    def first() -> None:
+        assert busy.wait(10)
+        with aside(lambda _: done.append("aside")) as wait:
+            here = threading.get_ident()
+
+            def piece(n):
+                go_on.set()
+                time.sleep(0.005)
+                done.append(n)
+                return threading.get_ident() == here
+
+            assert not all(over(piece, range(6)))
+            wait()
+
+    def second() -> None:
+        busy.set()
+        assert go_on.wait(10)  # until pieces are there
+
+    with crew():
+        together([first, second])
+    assert done.index("aside") >= 5
+
+
+def test_a_job_aside_is_stopped_where_the_rest_fails_and_its_own_failure_is_told():
+    limits.allow(2, 0)
+    looks = []
+
+    def endless(progress):
+        while True:
+            looks.append(None)
+            progress(0.5, "")
+
+    with crew():
+        with pytest.raises(ZeroDivisionError), aside(endless):
+            while not looks:
+                pass
+            raise ZeroDivisionError
+        seen = len(looks)
+        time.sleep(0.01)
+        assert len(looks) == seen  # it has ended
+
+        with aside(lambda _progress: 1 // 0) as wait, pytest.raises(ZeroDivisionError):
+            wait()
+
+
+def test_a_morph_measures_beside_its_iterations_and_ends_both_when_it_is_cancelled(monkeypatch):
+    bones = pair(2000, 2000, 3)
+    where, main = [], threading.current_thread()
+    whole = morph_module.compared_before
+
+    def noted(*args):
+        where.append(threading.current_thread())
+        return whole(*args)
+
+    monkeypatch.setattr(morph_module, "compared_before", noted)
+    for threads, beside in ((1, False), (2, True)):
+        limits.allow(threads, 0)
+        morph(bones.source, bones.target)
+        assert (where.pop() is not main) == beside
+
+    def cancelling(_fraction, text):
+        if "iteration 3" in text:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        morph(bones.source, bones.target, progress=cancelling)
+    assert not where[0].is_alive()
