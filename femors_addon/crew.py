@@ -99,21 +99,22 @@ def at_once(*jobs: Callable[[Progress], Any], progress: Progress = silent) -> li
     """
     if Limits.threads < 2:
         return [job(progress) for job in jobs]
-    stop, failed = _Stop(progress), list[BaseException]()
+    stop, failed = _Stop(progress), dict[int, BaseException]()
 
-    def run(job: Callable[[Progress], Any]) -> Any:
+    def run(number: int) -> Any:
         try:
-            return job(stop)
+            return jobs[number](stop)
         except BaseException as error:
-            failed.append(error)
-            stop.set()
+            if not (stop.is_set and isinstance(error, Cancelled)):
+                failed[number] = error
+            stop.is_set = True
             raise
 
     with crew():
         try:
-            return list(_over(_here.crew, run, iter(jobs), len(jobs), stop))
-        except BaseException as error:  # the others were only told to stop
-            raise failed[0] if failed else error from None
+            return list(_over(_here.crew, run, iter(range(len(jobs))), len(jobs), stop))
+        except BaseException as error:  # where others were only told to stop
+            raise failed[min(failed)] if failed else error from None
 
 
 @contextmanager
@@ -140,7 +141,7 @@ def aside(job: Callable[[Progress], R], progress: Progress = silent) -> Iterator
     try:
         yield result
     finally:
-        stop.set()
+        stop.is_set = True
         if not mine.claim(task):
             task.done.wait()
 
@@ -149,27 +150,19 @@ class _Stop:
     """What jobs in several threads report to: it raises `Cancelled` once it is set, in any of them."""
 
     def __init__(self, progress: Progress = silent) -> None:
-        self._progress, self._owner, self._left = progress, threading.get_ident(), False
-
-    def set(self) -> None:
-        """Have whoever reports stop."""
-        self._left = True
+        self._progress, self._owner, self.is_set = progress, threading.get_ident(), False
 
     def __call__(self, _fraction: float, _text: str) -> None:
-        if self._left:
+        if self.is_set:
             raise Cancelled
         if threading.get_ident() == self._owner:
-            try:
-                self._progress(0.0, "")
-            except BaseException:
-                self.set()
-                raise
+            self._progress(0.0, "")
 
 
 def _over(
-    mine: _Crew, work: Callable[[T], R], parts: Iterator[T], ahead: int, look: Progress | None = None
+    mine: _Crew, work: Callable[[T], R], parts: Iterator[T], ahead: int, look: _Stop | None = None
 ) -> Generator[R]:
-    """As `over`, by a crew; who waits reports to `look` now and then."""
+    """As `over`, by a crew; who waits reports to `look` now and then, and sets it where it fails."""
     tasks = deque[_Task]()
     try:
         while True:
@@ -182,6 +175,10 @@ def _over(
                 tasks[0].run()
             yield mine.outcome(tasks[0], look)
             tasks.popleft()
+    except BaseException:
+        if look:
+            look.is_set = True
+        raise
     finally:
         for task in tasks:
             if not mine.claim(task):

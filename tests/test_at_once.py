@@ -115,6 +115,30 @@ def test_jobs_at_once_have_ended_when_a_cancel_is_told():
         assert ended == begun == [1, 1]
 
 
+@pytest.mark.parametrize("error", [Cancelled, KeyboardInterrupt])
+def test_who_is_told_to_stop_while_it_waits_stops_the_others(error):
+    """The job in the other thread only ends when it is told to."""
+    limits.allow(2, 0)
+    begun, ended = threading.Event(), []
+
+    def endless(progress):
+        begun.set()
+        try:
+            while True:
+                progress(0.0, "")
+                time.sleep(0.001)
+        finally:
+            ended.append(1)
+
+    def stop(_fraction, _text):
+        if begun.is_set():
+            raise error
+
+    with pytest.raises(error):
+        at_once(lambda _: begun.wait(10), endless, progress=stop)
+    assert ended == [1]
+
+
 def test_the_job_that_fails_is_told_and_the_others_are_stopped():
     begun = threading.Event()
 
