@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from .cached import cached_property
-from .crew import over
+from .crew import at_once, over
 from .mesh import Float, Int, Single
 from .progress import Progress, silent
 
@@ -85,22 +85,11 @@ class Cells:
         than the size of a cell may be left out, and are zero for points more than a cell from all centres.
         """
         scale, k = math.sqrt(LN2) / spread, values.shape[1]
-        values = values[self.order].astype(np.float32)
-        place = np.ascontiguousarray(((self.centres[self.order] - self.low) * scale).T)
-        cell = _cell(points, self.low, self.size)
-        inside = np.flatnonzero(((cell >= 0) & (cell < self.shape)).all(axis=1))
-        rows = inside[np.argsort(self._key(cell[inside]), kind="stable")]
-        cell = cell[rows]
-        # single precision bears the places within a few cells: they are taken from the middle of the query's
-        middle = np.ascontiguousarray((cell - 0.5).T) * (self.size * scale)
-        x = (((points[rows] - self.low) * scale).T - middle).astype(np.float32)
-        # 2 x c - c^2 + (shift - x^2) in one product
-        left = np.empty((len(rows), 5), np.float32)
-        np.multiply(x.T, 2.0, out=left[:, :3])
-        left[:, 3] = 1.0
-        left[:, 4] = -_square(x) if shift is None else shift[rows] - _square(x)
+        (place, given), (rows, keys, middle, left) = at_once(
+            lambda _: self._laid_out(values, scale), lambda _: self._asked(points, shift, scale)
+        )
         found = np.zeros((len(rows), k), np.float32)
-        meetings = self._meetings(self._key(cell))
+        meetings = self._meetings(keys)
 
         def meet(some: slice) -> int:
             first, query = meetings.first[some], meetings.queries(some)
@@ -115,7 +104,7 @@ class Cells:
             query = _in_parts(query, right[0].size)
             weights = np.matmul(left.take(query, axis=0), right[:, None])
             np.exp(weights, out=weights)
-            found[query] = np.matmul(weights, values.take(index, axis=0)[:, None])
+            found[query] = np.matmul(weights, given.take(index, axis=0)[:, None])
             return some.stop
 
         blocks = meetings.blocks()
@@ -125,6 +114,29 @@ class Cells:
         out = np.zeros((len(points), k), np.float32)
         out[rows] = found
         return out
+
+    def _laid_out(self, values: Float, scale: float) -> tuple[Float, Single]:
+        """Return the centres' places (3, n) times `scale`, and their values (n, k), cell by cell."""
+        place = np.ascontiguousarray(((self.centres[self.order] - self.low) * scale).T)
+        return place, values[self.order].astype(np.float32)
+
+    def _asked(self, points: Float, shift: Float | None, scale: float) -> tuple[Int, Int, Float, Single]:
+        """Return which points (q,) lie among the cells, cell by cell; of each its cell's key, (3, q) the middle of
+        its cell times `scale`, and (q, 5) what gives exponents when multiplied by a centre's (c, -c^2, 1).
+        """
+        cell = _cell(points, self.low, self.size)
+        inside = np.flatnonzero(((cell >= 0) & (cell < self.shape)).all(axis=1))
+        rows = inside[np.argsort(self._key(cell[inside]), kind="stable")]
+        cell = cell[rows]
+        # single precision bears the places within a few cells: they are taken from the middle of the query's
+        middle = np.ascontiguousarray((cell - 0.5).T) * (self.size * scale)
+        x = (((points[rows] - self.low) * scale).T - middle).astype(np.float32)
+        # 2 x c - c^2 + (shift - x^2) in one product
+        left = np.empty((len(rows), 5), np.float32)
+        np.multiply(x.T, 2.0, out=left[:, :3])
+        left[:, 3] = 1.0
+        left[:, 4] = -_square(x) if shift is None else shift[rows] - _square(x)
+        return rows, self._key(cell), middle, left
 
     def _meetings(self, keys: Int) -> _Meetings:
         """Return which queries, whose cells are `keys` (p,), ascending, meet which centres."""
