@@ -22,6 +22,7 @@ Single = NDArray[np.float32]
 TOPOLOGY = (
     "edges",
     "edge_faces",
+    "opposed_edges",
     "border",
     "components",
     "closed",
