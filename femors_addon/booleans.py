@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes shared by two closed surfaces, by the library manifold3d where it is installed."""
+"""Volumes shared by two closed surfaces, and in which two shapes of a body differ."""
 
 from __future__ import annotations
 
@@ -11,17 +11,7 @@ from .common import below, inside, rim, shift
 from .cutouts import Region, reaching
 from .mesh import Float, Surface
 
-MISSING = "shared volumes and XOR are not computed: the Python package manifold3d is not installed"
 ROUNDING = 1e-6  # of a volume: what arithmetic may leave
-
-
-def available() -> bool:
-    """Whether manifold3d can be imported."""
-    try:
-        import manifold3d  # noqa: F401
-    except ImportError:
-        return False
-    return True
 
 
 def shared_volume(one: Surface, two: Surface, box: tuple[Float, Float] | None = None) -> float | None:
@@ -44,12 +34,12 @@ def shared_volume(one: Surface, two: Surface, box: tuple[Float, Float] | None = 
 def xor_volume(one: Surface, two: Surface) -> float | None:
     """Return the volume that belongs to one of the two only; None where there is none to be had.
 
-    Where `two` is `one` with a part of its vertices moved, that part alone is compared. Holes are closed by the same
-    cone in both then.
+    Where `two` is `one` with a part of its vertices moved, that part alone is compared, and holes are closed
+    by the same cone in both.
     """
     same = one.faces is two.faces or np.array_equal(one.faces, two.faces)
     if not same:
-        shared = shared_volume(one, two)
+        shared = None if len(rim(one)) or len(rim(two)) else shared_volume(one, two)
         apart = None if shared is None else one.volume + two.volume - 2.0 * shared
     else:
         moved = triples.some(one.vertices != two.vertices)
@@ -66,17 +56,19 @@ def _shared(one: Surface, two: Surface, box: tuple[Float, Float]) -> float | Non
     """The volume shared in a box that holds all that is; None where a surface is open there."""
     margin = 2.0 * max(shift(surface) for surface in (one, two))
     box = box[0] - margin, box[1] + margin
+    if (box[0] > box[1]).any():
+        return 0.0
     near = reaching(one, *box), reaching(two, *box)
     for surface, mask in zip((one, two), near, strict=True):
         part = Region.cut(surface, mask).surface
         edge = part.vertices[rim(part)]
         if ((edge >= box[0]) & (edge <= box[1])).all(axis=2).any():
             return None
-    return inside((one, two), near, (box[0] + box[1]) / 2.0, box) if near[0].any() and near[1].any() else 0.0
+    return inside((one, two), near, (box[0] + box[1]) / 2.0, box)
 
 
 def _apart(one: Surface, two: Surface, moved: NDArray[np.bool_]) -> float | None:
-    """The volume between some faces, before and after: what of each is outside the other, less what is inside."""
+    """The volume between some faces before and after: below those outside the other, less those inside."""
     if not moved.any():
         return 0.0
     origin = one.vertices[one.faces[int(np.argmax(moved)), 0]]

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The volume that two closed surfaces share, as a sum over their faces: no mesh of what is shared is made.
 
-A volume is a sum over its boundary (divergence theorem). That of what is shared is the parts of the faces of each
-surface inside the other, and such a part is a polygon: pieces of the face's edges, and the segments in
-which other faces cross it. Which vertices are inside is known from how often edges come and go. All are array
-operations, which let other threads run, where a library that makes the mesh keeps them waiting.
+A volume is a sum over its boundary (divergence theorem). The boundary of what is shared is the parts of each
+surface's faces inside the other, and such a part is a polygon: pieces of the face's sides, and the
+segments in which other faces cross it. Which corners are inside is known from how often sides come and go.
+All are array operations, which let other threads run: a library that makes the mesh keeps them waiting.
 
-Surfaces that touch (the very same vertices, faces in one plane) are nothing special: each vertex is shifted by some
-roundings of its coordinates, so that they cross or do not, and the signs of all determinants are exact. So
-each segment has two ends, and all ways to a vertex agree (Edelsbrunner and Muecke 1990 shift by symbols).
+Surfaces that touch (the very same vertices, faces in one plane) are nothing special: each vertex is shifted
+by some roundings of its coordinates, so that they cross or do not, and the signs of determinants are exact.
+So each segment has two ends, and all ways to a vertex agree (Edelsbrunner and Muecke 1990 shift by symbols).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .cutouts import Region, reaching
 from .mesh import Float, Surface, edge_matrix
 
 SHIFT = 512 * np.finfo(np.float64).eps  # of the largest coordinate: 1e-13
-DOUBT = 32 * np.finfo(np.float64).eps  # of a determinant's terms: what rounding may do to it
+DOUBT = 8 * np.finfo(np.float64).eps  # of a determinant's terms: more than rounding does to it
 NEXT = [1, 2, 0]
 
 
@@ -37,7 +37,7 @@ class _TangledError(Exception):
 
 def shift(surface: Surface) -> float:
     """Return how far the coordinates of a surface are shifted, at most."""
-    return SHIFT * float(np.abs(surface.vertices).max(initial=0.0))
+    return float(SHIFT * np.abs(surface.vertices).max(initial=0.0))
 
 
 def shifted(surface: Surface, seed: int) -> Surface:
@@ -53,7 +53,7 @@ def inside(
     origin: Float,
     box: tuple[Float, Float] | None = None,
 ) -> float | None:
-    """Return the sum of signed volumes between an origin (3,) and what of some faces is inside the other surface.
+    """Return the sum of signed volumes between an origin (3,) and what of some faces is inside the other.
 
     With all faces that reach into a `box` that holds all that is shared, that is the volume shared, wherever
     the origin is. Without a box other faces may be where the chosen ones are, and are looked for.
@@ -107,7 +107,7 @@ class _Part:
         return cls(part, origin, np.zeros((m, 3)), np.zeros((m, 3)), np.zeros(m))
 
     def below(self, start: Float, stop: Float, face: Index) -> Float:
-        """Six times the volumes (k,) of the origin, a segment, and the first corner of the face it lies in."""
+        """Six times the volumes (k,) between the origin, segments, and the first corners of their faces."""
         first = self.surface.vertices[self.surface.faces[face, 0]]
         return triples.dot(start - self.origin, triples.cross(stop - self.origin, first - self.origin))
 
@@ -168,12 +168,12 @@ def _around(point: Float, surface: Surface) -> float:
     far = np.append(point[:2], surface.bounds[1][2] + surface.diagonal)
     start, stop = np.broadcast_to(point, (len(corners), 3)), np.broadcast_to(far, (len(corners), 3))
     here, there = _over(corners, start) > 0, _over(corners, stop) > 0
-    out = there.astype(float) - here
-    return float((out * _through(start, stop, corners)).sum())
+    through = _through(start, stop, corners)
+    return float((through & there).sum()) - float((through & here).sum())
 
 
 def rim(surface: Surface) -> Index:
-    """Return the edges (k, 2) that faces run along more often this way than the other: none, if it is closed."""
+    """Return the edges (k, 2) that faces run along more often this way than the other; none: it is closed."""
     faces = surface.faces
     if 2 * len(surface.edge_faces[0]) == faces.size and not surface.opposed_edges.any():
         return np.empty((0, 2), dtype=np.int64)
@@ -223,7 +223,7 @@ def _meet(a: _Part, b: _Part) -> None:
 
 
 def _segments(a: _Part, f: Index, b: _Part, g: Index) -> tuple[_Ends, _Ends, Index, Float, Float]:
-    """Return where sides of faces f pierce g, those of g pierce f, and segments (row of the pair, start, stop).
+    """Return where sides of faces f pierce g, those of g pierce f, and segments (row of pair, start, stop).
 
     With what is inside the other surface on its left, a segment runs from start to stop in f, and back in g.
     """
@@ -240,7 +240,7 @@ def _segments(a: _Part, f: Index, b: _Part, g: Index) -> tuple[_Ends, _Ends, Ind
 
 
 def _ends(faces: NDArray, f: Index, corners: Float, others: Float) -> _Ends:
-    """Find which sides of each face f, its corners (p, 3, 3) known, pierce the triangle (p, 3, 3) beside it."""
+    """Find which sides of faces f, their corners (p, 3, 3) given, pierce the triangles (p, 3, 3) beside them."""
     height = _heights(corners, others)
     out = height > 0
     row, side = np.nonzero(out != out[:, NEXT])
@@ -289,8 +289,12 @@ def _volumes(a: Float, b: Float, c: Float, d: Float) -> Float:
     """Six times the signed volumes (k,) of tetrahedra; the sign is exact."""
     u, v, w = a - d, b - d, c - d
     out = triples.dot(u, triples.cross(v, w))
-    terms = triples.total(np.abs(u)) * triples.total(np.abs(v)) * triples.total(np.abs(w))
-    for row in np.flatnonzero(np.abs(out) <= DOUBT * terms):
+    doubtful = np.flatnonzero(
+        np.abs(out) <= DOUBT * triples.length(u) * triples.length(v) * triples.length(w)
+    )
+    u, v, w = (np.abs(rows[doubtful]) for rows in (u, v, w))
+    terms = triples.dot(u, triples.cross(v, w) + 2.0 * v[:, [2, 0, 1]] * w[:, NEXT])
+    for row in doubtful[np.abs(out[doubtful]) <= DOUBT * terms]:
         x, y, z, o = ([Fraction(float(value)) for value in points[row]] for points in (a, b, c, d))
         p, q, r = ([s - t for s, t in zip(point, o, strict=True)] for point in (x, y, z))
         out[row] = float(
