@@ -18,13 +18,12 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csgraph
 
 from . import triples
 from .balls import AT_ONCE, Index, Search, searches
 from .crew import over
 from .cutouts import Region, reaching
-from .mesh import Float, Surface, edge_matrix
+from .mesh import Float, Surface, connected
 
 SHIFT = 512 * np.finfo(np.float64).eps  # of the largest coordinate: 1e-13
 DOUBT = 8 * np.finfo(np.float64).eps  # of a determinant's terms: more than rounding does to it
@@ -139,9 +138,8 @@ class _Part:
         low, high = other.bounds if box is None else box
         start, stop, change = faces.ravel(), faces[:, NEXT].ravel(), -self.leaves.ravel()
         same = change == 0
-        graph = edge_matrix(np.column_stack((start[same], stop[same])), len(vertices))
-        count, label = csgraph.connected_components(graph, directed=False)
-        turns = np.full(count, np.nan)
+        label = connected(np.column_stack((start[same], stop[same])), len(vertices))
+        turns = np.full(int(label.max()) + 1, np.nan)
         turns[label[triples.some((vertices < low) | (vertices > high))]] = 0.0
         a, b, change = label[start[~same]], label[stop[~same]], change[~same]
         while True:
@@ -240,7 +238,7 @@ def _segments(a: _Part, f: Index, b: _Part, g: Index) -> tuple[_Ends, _Ends, Ind
 
 
 def _ends(faces: NDArray, f: Index, corners: Float, others: Float) -> _Ends:
-    """Find which sides of faces f, their corners (p, 3, 3) given, pierce the triangles (p, 3, 3) beside them."""
+    """Find which sides of faces f, with corners (p, 3, 3), pierce the triangles (p, 3, 3) beside them."""
     height = _heights(corners, others)
     out = height > 0
     row, side = np.nonzero(out != out[:, NEXT])
