@@ -106,6 +106,14 @@ def test_turned_bodies_share_as_by_the_library(seed):
     assert booleans.shared_volume(long, other) == pytest.approx(by_library(long, other), rel=1e-11)
 
 
+def test_large_faces_against_small_ones_share_as_by_the_library():
+    """Large faces are cut in pieces for the search, and so meet others several times."""
+    beam = box(100.0, 3.0, 0.4, at=(-40.0, -1.3, -0.1))
+    assert booleans.shared_volume(beam, BALL) == pytest.approx(by_library(beam, BALL), rel=1e-9)
+    many = both(beam, box(3.0, 100.0, 0.4, at=(-1.1, -40.0, 2.0)))
+    assert booleans.shared_volume(BALL, many) == pytest.approx(by_library(BALL, many), rel=1e-9)
+
+
 def test_a_dent_that_comes_out_behind_differs_as_by_the_library():
     plate = sphere(4).moved(sphere(4).vertices * [10.0, 10.0, 0.1])
     near = np.exp(-(np.linalg.norm(plate.vertices[:, :2], axis=1) ** 2) / 4.0)
