@@ -121,8 +121,8 @@ class Cells:
         return place, values[self.order].astype(np.float32)
 
     def _asked(self, points: Float, shift: Float | None, scale: float) -> tuple[Int, Int, Float, Single]:
-        """Return which points (q,) lie among the cells, cell by cell; their cells' keys (q,) and middles (3, q)
-        times `scale`; and (q, 5) what gives their exponents when multiplied by a centre's (c, -c^2, 1).
+        """Return which points (q,) lie among the cells, cell by cell; of each cell the key (q,) and the
+        middle (3, q) times `scale`; (q, 5) what gives exponents when multiplied by a centre's (c, -c^2, 1).
         """
         cell = _cell(points, self.low, self.size)
         inside = np.flatnonzero(((cell >= 0) & (cell < self.shape)).all(axis=1))

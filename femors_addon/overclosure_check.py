@@ -90,7 +90,7 @@ def find(
     band : float
         Of the unit of the coordinates; pairs farther apart are not listed.
     volumes : bool
-        Compute shared volumes, which needs manifold3d.
+        Compute shared volumes.
     bounds : dict, optional
         Is given what became known of the vertices.
     """

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import booleans
 from .bodies import Solid
 from .crew import each
 from .cutouts import Region
@@ -294,8 +293,6 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
                 f"{finding.one} and {finding.two}: the gap of {finding.gap:g} is {finding.gap / size:.0%} of "
                 "the smaller body's size; is it in the bodies' unit?"
             )
-    if not booleans.available() and before:
-        notes.append(booleans.MISSING)
     return notes
 
 

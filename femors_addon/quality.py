@@ -125,7 +125,9 @@ def dihedral_angles(surface: Surface) -> Float:
     apart, along = triples.length(one - two), triples.length(one + two)
     angle = np.degrees(2.0 * np.arctan2(apart, along))
     angle[~(triples.some(one != 0) & triples.some(two != 0))] = 0.0
-    return np.repeat(angle, 2)
+    twice = np.empty((len(angle), 2))
+    twice[:] = angle[:, None]  # np.repeat would hold the interpreter
+    return twice.ravel()
 
 
 def degenerate(surface: Surface) -> np.ndarray:

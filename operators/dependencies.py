@@ -18,7 +18,6 @@ NEEDED = {"numpy": "NumPy", "scipy": "SciPy", "fast_simplification": "fast-simpl
 SHOWN = {
     "scipy": "SciPy",
     "fast-simplification": "fast-simplification",
-    "manifold3d": "manifold3d",
     "meshio": "meshio",
 }
 """Packages whose versions are shown, by their names in the index."""

@@ -188,12 +188,9 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
 
     def _line(self, result: Any, note: str) -> tuple[str, str]:
         """Return the report's level and text."""
-        from ..femors_addon.booleans import MISSING
-
         moved = sum(1 for body in result.bodies if body.moved)
         line = f"{result.certificate}; {moved} of {len(result.bodies)} bodies moved{note}"
-        notes = (text for text in result.notes if text != MISSING)
-        faults = [*result.losses, *notes, *self._notes]
+        faults = [*result.losses, *result.notes, *self._notes]
         return ("WARNING" if faults or not result.certified else "INFO"), "; ".join([line, *faults])
 
 

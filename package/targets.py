@@ -20,14 +20,13 @@ PURE = {
     "pygments": "2.21.0",
 }
 """What reads VTK and Gmsh, and what that needs beside NumPy: the same wheel everywhere."""
-COMPILED = {"scipy": "1.15.3", "fast-simplification": "0.2.0", "manifold3d": "3.5.4"}
+COMPILED = {"scipy": "1.15.3", "fast-simplification": "0.2.0"}
 """One pin for the Blenders of blender.org, 4.2 to 5.2."""
 PROVIDED = {"numpy": {"3.11": ("1.24.3", "1.26.4"), "3.13": ("2.2.4", "2.3.4"), "3.14": ("2.4.0",)}}
 """What Blender has by itself and no zip may bring: the versions that were seen in it, by Python."""
 LICENCES = {
     "scipy": "BSD-3-Clause",
     "fast-simplification": "MIT",
-    "manifold3d": "Apache-2.0",
     "meshio": "MIT",
     "rich": "MIT",
     "markdown-it-py": "MIT",

@@ -6,8 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cleancases import inverted
+from scipy.sparse import csgraph
 
-from femors_addon.mesh import Surface, triangulate
+from femors_addon import mesh
+from femors_addon.mesh import Surface, connected, edge_matrix, triangulate
 from femors_addon.progress import FemorsError
 from femors_addon.shapes import box, sphere
 from femors_addon.triples import unit
@@ -133,6 +135,26 @@ def test_edges_along_which_two_faces_run_the_same_way():
     faces[7] = faces[7, ::-1]
     turned = Surface(shape.vertices, faces)
     np.testing.assert_array_equal(turned.opposed_edges, (turned.edge_faces[0] == 7).any(axis=1))
+
+
+@pytest.mark.parametrize("edges", [0, 40, 90, 400])
+def test_pieces_are_found_some_edges_at_a_time(edges, monkeypatch):
+    """The same pieces in the same order as at once, and SciPy is never asked about more at once."""
+    random = np.random.default_rng(edges)
+    pairs = random.integers(0, 100, (edges, 2)).astype(np.int32)
+    whole = csgraph.connected_components(edge_matrix(pairs, 100), directed=False)[1]
+    asked = []
+    at_once = csgraph.connected_components
+    monkeypatch.setattr(
+        csgraph,
+        "connected_components",
+        lambda graph, **options: asked.append(graph.nnz) or at_once(graph, **options),
+    )
+    for size in (1, 7, 1000):
+        monkeypatch.setattr(mesh, "EDGES", size)
+        asked.clear()
+        assert connected(pairs, 100).tolist() == whole.tolist()
+        assert max(asked, default=0) <= 2 * size
 
 
 def test_closed_components_are_told_one_by_one():

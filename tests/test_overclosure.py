@@ -202,7 +202,6 @@ def test_pairs_are_excluded_or_have_gaps_of_their_own():
 
 # --- what is found ------------------------------------------------------------------------------------
 def test_the_check_measures_depth_place_and_shared_volume():
-    pytest.importorskip("manifold3d")
     finding = check_overclosure(pair((17.0, 0.0, 0.0)))[0]
     assert finding.depth == pytest.approx(3.0, abs=0.15)
     cap = 1.5  # the lens of two spheres, two caps of this height

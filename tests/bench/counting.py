@@ -23,7 +23,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT)]
 
-from femors_addon import cells, grnn, intersect, nearest, relax, shapes, triangles  # noqa: E402
+from femors_addon import cells, common, grnn, intersect, nearest, relax, shapes, triangles  # noqa: E402
 from femors_addon.bodies import Body  # noqa: E402
 from femors_addon.morph import morph  # noqa: E402
 from femors_addon.overclosure import remove_overclosure  # noqa: E402
@@ -41,6 +41,18 @@ PLACES: tuple[tuple[str, Any, str, Amount], ...] = (
     ("fields evaluated at points", grnn.DisplacementField, "__call__", lambda self, p, *a: len(p)),
     ("grid cells", grnn._Grid, "smooth", lambda self, *a: math.prod(self.shape)),
     ("face pairs tested for crossing", intersect, "straddling", lambda one, f, two, g: len(f)),
+    (
+        "kernel pairs",
+        cells._Meetings,
+        "blocks",
+        lambda self: int((self.count * self.length.sum(axis=1)).sum()),
+    ),
+    (
+        "triangle pairs for volumes",
+        common,
+        "_heights",
+        lambda corners, others: len(corners),
+    ),
     ("faces matched in shape", relax.ShapeMatching, "move", lambda self, p: len(self._corners[0])),
 )
 
@@ -58,23 +70,13 @@ def counting() -> Iterator[Counter[str]]:
 
         return wrapper
 
-    meetings = cells.Cells.meetings
-
-    def met(self: Any, cell: Any) -> Iterator[Any]:
-        for queries, ranges in meetings(self, cell):
-            centres = sum(part.stop - part.start for part in ranges)
-            total["kernel pairs"] += (queries.stop - queries.start) * centres
-            yield queries, ranges
-
     for label, owner, name, amount in PLACES:
         original = getattr(owner, name)
         originals.append((owner, name, original))
         setattr(owner, name, counted(label, original, amount))
-    cells.Cells.meetings = met  # type: ignore[method-assign]
     try:
         yield total
     finally:
-        cells.Cells.meetings = meetings  # type: ignore[method-assign]
         for owner, name, original in originals:
             setattr(owner, name, original)
 

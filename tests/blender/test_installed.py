@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EXTENSIONS = Path(os.environ["BLENDER_USER_RESOURCES"]) / "extensions"
 HERE = EXTENSIONS / "user_default" / "femors"
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
-BROUGHT = ("scipy", "fast_simplification", "manifold3d", "meshio", "rich", "markdown_it", "mdurl", "pygments")
+BROUGHT = ("scipy", "fast_simplification", "meshio", "rich", "markdown_it", "mdurl", "pygments")
 LOCK = tomllib.loads((ROOT / "requirements" / "wheels.lock.toml").read_text())["wheel"]
 
 
@@ -75,7 +75,7 @@ def test_blender_starts_with_it_and_without_anything_heavy():
     if not bpy.app.binary_path:
         pytest.skip("the bpy wheel does not enable what the preferences name; see the next test there")
     code = (
-        "import sys; heavy = ('numpy', 'scipy', 'fast_simplification', 'meshio', 'manifold3d'); "
+        "import sys; heavy = ('numpy', 'scipy', 'fast_simplification', 'meshio'); "
         "print('imported', [m for m in heavy if m in sys.modules]); "
         "import bpy; print('enabled', 'femors' in dir(bpy.ops) and bpy.ops.femors.morph.poll())"
     )
