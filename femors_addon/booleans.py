@@ -28,7 +28,9 @@ def shared_volume(one: Surface, two: Surface, box: tuple[Float, Float] | None = 
     # a body that is inside out, or overlaps itself: nothing is known then
     if shared is None or shared < -ROUNDING * min(abs(one.volume), abs(two.volume)):
         return None
-    return max(0.0, shared)
+    # where they only touch, the shifts are all there is
+    touching = 2.0 * max(shift(one), shift(two)) * min(one.face_areas.sum(), two.face_areas.sum())
+    return shared if shared > touching else 0.0
 
 
 def xor_volume(one: Surface, two: Surface) -> float | None:
