@@ -205,7 +205,7 @@ def _filled(count: Int) -> Int:
 def _in_parts(query: Int, each: int) -> Int:
     """Return queries (b, q) as (b, parts, q / parts): products of `each` a query that are not `LOCKED`."""
     size = query.shape[1]
-    while size * each > LOCKED and size % 2 == 0:
+    while size * each > LOCKED and size > FILLED[0] and size % 2 == 0:
         size //= 2
     return query.reshape(len(query), -1, size)
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from .crew import together
 from .meeting import REACH, Meeting
 from .mesh import Float
 from .sides import Contacts, Side
+
+Steps = dict[str, tuple[Float, float]]
+"""How far bodies moved, by name: the distance of each vertex of the surface, and the largest."""
 
 
 class Pair:
@@ -35,6 +39,7 @@ class Pair:
         self.offset = np.zeros(3)
         self.sides = (Side(one, two, 1.0), Side(two, one, -1.0))
         self._meeting = Meeting(one, two)
+        self._steps: list[tuple[int, Steps]] = []
 
     @property
     def names(self) -> tuple[str, str]:
@@ -54,14 +59,19 @@ class Pair:
         for side in self.sides:
             side.bound -= moved
 
-    def moved(self, steps: dict[str, tuple[Float, float]]) -> None:
-        """Take note that bodies moved: by name (distance of each vertex of the surface, the largest)."""
-        if not steps.keys() & set(self.names):  # another thread may be at work on this pair
-            return
-        for side in self.sides:
-            own, _ = steps.get(side.body.name, (0.0, 0.0))
-            _, other = steps.get(side.other.name, (0.0, 0.0))
-            side.bound -= own + other
+    def moved(self, steps: Steps, number: int = 0) -> None:
+        """Take note that bodies moved, for `catch_up`, in the order of the numbers; any thread may call."""
+        if steps.keys() & set(self.names):
+            self._steps.append((number, steps))
+
+    def catch_up(self) -> None:
+        """Lower all bounds by what was noted, before anybody looks at them."""
+        noted, self._steps = sorted(self._steps, key=itemgetter(0)), []
+        for _, steps in noted:
+            for side in self.sides:
+                own, _ = steps.get(side.body.name, (0.0, 0.0))
+                _, other = steps.get(side.other.name, (0.0, 0.0))
+                side.bound -= own + other
 
     def rest(self) -> None:
         """Let go of what only the next look needs."""

@@ -42,12 +42,13 @@ def crew() -> Iterator[None]:
     _here.crew = own
     try:
         for number in range(Limits.threads - 1):
-            thread = threading.Thread(target=own.serve, name=f"femors-{number}")
+            thread = threading.Thread(target=own.serve, name=f"femors-{number}", daemon=True)
             thread.start()
             threads.append(thread)
         yield
     finally:
-        _here.crew = None
+        if getattr(_here, "crew", None) is own:  # a generator may be closed by another thread
+            _here.crew = None
         own.close()
         for thread in threads:
             thread.join()
@@ -113,8 +114,10 @@ def at_once(*jobs: Callable[[Progress], Any], progress: Progress = silent) -> li
     with crew():
         try:
             return list(_over(_here.crew, run, iter(range(len(jobs))), len(jobs), stop))
-        except BaseException as error:  # where others were only told to stop
-            raise failed[min(failed)] if failed else error from None
+        except BaseException:
+            if not failed:
+                raise
+    raise failed[min(failed)]  # others were only told to stop
 
 
 @contextmanager
@@ -155,7 +158,8 @@ class _Stop:
     def __call__(self, _fraction: float, _text: str) -> None:
         if self.is_set:
             raise Cancelled
-        if threading.get_ident() == self._owner:
+        # another's goes on to who asked for it: whoever it is that does its job now
+        if isinstance(self._progress, _Stop) or threading.get_ident() == self._owner:
             self._progress(0.0, "")
 
 
@@ -163,16 +167,17 @@ def _over(
     mine: _Crew, work: Callable[[T], R], parts: Iterator[T], ahead: int, look: _Stop | None = None
 ) -> Generator[R]:
     """As `over`, by a crew; who waits reports to `look` now and then, and sets it where it fails."""
-    tasks = deque[_Task]()
+    tasks, own = deque[_Task](), None
     try:
         while True:
             more = [_Task(partial(work, part)) for part in islice(parts, ahead - len(tasks))]
-            mine.offer(more[::-1])  # the last is taken first by the others, the first by this thread
+            mine.offer(more)  # the last is taken first by the others, the first by this thread
             tasks.extend(more)
             if not tasks:
                 return
             if mine.claim(tasks[0]):
-                tasks[0].run()
+                own = tasks[0]
+                own.run()
             yield mine.outcome(tasks[0], look)
             tasks.popleft()
     except BaseException:
@@ -181,7 +186,7 @@ def _over(
         raise
     finally:
         for task in tasks:
-            if not mine.claim(task):
+            if task is not own and not mine.claim(task):
                 task.done.wait()
 
 
@@ -225,9 +230,9 @@ class _Crew:
         self._open = True
 
     def offer(self, tasks: Sequence[_Task], later: bool = False) -> None:
-        """Offer tasks to whoever is idle; the first is taken first, `later` after all others."""
+        """Offer tasks to whoever is idle; the last is taken first, `later` after all others."""
         with self.changed:
-            (self._later if later else self._offers).extend(reversed(tasks))
+            (self._later if later else self._offers).extend(tasks)
             self.changed.notify_all()
 
     def claim(self, task: _Task) -> bool:
@@ -252,7 +257,7 @@ class _Crew:
     def outcome(self, task: _Task, look: Progress | None = None) -> Any:
         """Return what a task has given, and do meanwhile what others offer: parts of that task, often.
 
-        What is waited for is a part of what waits, and began later: no two threads wait for each other.
+        What is waited for is a part of what waits, or put aside by it: no two threads wait for each other.
         """
         while not task.done.is_set():
             with self.changed:
@@ -296,7 +301,7 @@ class _Order:
     def results(self) -> list[Any]:
         """Work until all is done."""
         mine = self._crew
-        mine.offer([task for task, need in zip(self._tasks, self._needs, strict=True) if not need])
+        mine.offer([task for task, need in zip(self._tasks, self._needs, strict=True) if not need][::-1])
         while True:
             with mine.changed:
                 task = mine.take()
@@ -321,4 +326,4 @@ class _Order:
                 for need in self._needs:
                     need.discard(number)
                 self._left -= 1
-            self._crew.offer([self._tasks[n] for n in free])
+            self._crew.offer([self._tasks[n] for n in reversed(free)])

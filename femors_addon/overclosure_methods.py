@@ -56,6 +56,7 @@ def nodal(
                 steps[side.body.name] = (distance, float(distance.max()))
             for other in efforts:
                 other.pair.moved(steps)
+                other.pair.catch_up()
         history.append(Step(number + 1, max(missing, 0.0), 0, 0.0))
         progress(number / settings.iterations, f"nodal, iteration {number + 1}, depth {missing:.3g}")
         if preview is not None:

@@ -34,6 +34,8 @@ WIDEST = 0.2
 """Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
 THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
 TRIES = 3  # certificates that may fail before the loop gives up
+SHAKEN = (1e-3, 1e-5)  # mean edges: how far nodes are moved at random where a pair is stuck
+NEARLY = 0.01  # mean edges: what is left at most, for it is little that shaking helps with
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
 
 
@@ -122,7 +124,7 @@ class Removal:
         self.through = self._run_through()
         self.stop, self.after = self._removed(self.efforts, self.history, part(progress, 0.1, 0.95))
         if self._settings.method == "grnn" and not _clear(self.after, self.efforts):
-            self._parted(part(progress, 0.95, 0.97))
+            self._again(part(progress, 0.95, 0.97))
 
     def result(self, progress: Progress) -> OverclosureResult:
         """Measure the bodies and put the result together."""
@@ -217,16 +219,23 @@ class Removal:
             return stop, list(self.before)
         return stop, after
 
-    def _parted(self, progress: Progress) -> None:
-        """Begin anew with the pairs that are stuck held apart; what ends no better is dropped."""
+    def _again(self, progress: Progress) -> None:
+        """Begin anew with the pairs that are stuck, held apart or shaken; what ends no better is dropped."""
         through = {effort.pair.names for effort in self.efforts if effort.through}
-        stuck = {finding.names for finding in self.after if not finding.clear} - through
+        left = [finding for finding in self.after if not finding.clear and finding.names not in through]
+        stuck = {finding.names for finding in left}
+        edge = min(solid.surface.mean_edge for solid in self.solids)
+        little = max((finding.depth for finding in left), default=np.inf) < NEARLY * edge
         here = [(solid.points, solid.held) for solid in self.solids]
-        for solid in self.solids:
-            solid.put(solid.rest)
-            solid.held = set()
-        again = self._begun({}, stuck)
-        if any(effort.through and effort.pair.names in stuck for effort in again):
+        for shaken in (0.0, *SHAKEN) if little else (0.0,):
+            for solid in self.solids:
+                solid.put(solid.rest)
+                solid.held = set()
+            if shaken:
+                self._shake(stuck, shaken)
+            again = self._begun({}, () if shaken else stuck)
+            if not shaken and not any(effort.through and effort.pair.names in stuck for effort in again):
+                continue
             steps: list[Step] = []  # the history is that of the state that is returned
             failed, found = self._removed(again, steps, progress)
             if not failed and _clear(found, again):
@@ -235,6 +244,23 @@ class Removal:
         for solid, (points, held) in zip(self.solids, here, strict=True):
             solid.put(points)
             solid.held = held
+
+    def _shake(self, stuck: Container[tuple[str, str]], edges: float) -> None:
+        """Move nodes by up to so many mean edges where stuck pairs overlap: one plane leads nowhere."""
+        random = np.random.default_rng(0)
+        for i, j in self._asked:
+            one, two = self.solids[i], self.solids[j]
+            if (one.name, two.name) not in stuck:
+                continue
+            bounds = one.surface.bounds, two.surface.bounds
+            edge = min(one.surface.mean_edge, two.surface.mean_edge)
+            low = np.maximum(bounds[0][0], bounds[1][0]) - edge
+            high = np.minimum(bounds[0][1], bounds[1][1]) + edge
+            for solid in (one, two):
+                points = solid.points.copy()
+                near = ((points >= low) & (points <= high)).all(axis=1) & (solid.share > 0)
+                points[near] += random.uniform(-edges * edge, edges * edge, (int(near.sum()), 3))
+                solid.put(points)
 
     def _stride(self, pair: tuple[int, int], deepest: float) -> float:
         """Return how far one step of a pair may go, so that no third body near it is passed through."""

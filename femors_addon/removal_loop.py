@@ -70,7 +70,9 @@ def loop(
 
 def _sweep(efforts: list[Effort]) -> tuple[float, int, float]:
     """Move every pair once; return (largest depth that is missing, edges that pierce, largest spread)."""
-    found = ordered([partial(_moved, effort, efforts) for effort in efforts], _needs(efforts))
+    found = ordered([partial(_moved, number, efforts) for number in range(len(efforts))], _needs(efforts))
+    for effort in efforts:
+        effort.pair.catch_up()
     missing, pierced, spread = zip(*found, strict=True) if found else ((0.0,), (0,), (0.0,))
     return max(0.0, *missing), sum(pierced), max(0.0, *spread)
 
@@ -86,13 +88,16 @@ def _needs(efforts: list[Effort]) -> list[set[int]]:
     return needs
 
 
-def _moved(effort: Effort, efforts: list[Effort]) -> tuple[float, int, float]:
+def _moved(number: int, efforts: list[Effort]) -> tuple[float, int, float]:
     """Move a pair, and let the others know; return its (missing depth, piercing edges, spread)."""
+    effort = efforts[number]
+    effort.pair.catch_up()
     field = effort.field()
     if field is not None:
         steps = apply(effort, field)
         for other in efforts:
-            other.pair.moved(steps)
+            other.pair.moved(steps, number)
+        effort.pair.catch_up()
     effort.pressed()
     return effort.missing, effort.pierced, 0.0 if field is None else effort.spread
 

@@ -139,6 +139,43 @@ def test_who_is_told_to_stop_while_it_waits_stops_the_others(error):
     assert ended == [1]
 
 
+def test_who_helps_with_another_thread_s_jobs_at_once_is_heard_too():
+    limits.allow(2, 0)
+    begun, told = threading.Event(), []
+
+    def long(progress):
+        for _ in range(1000):
+            time.sleep(0.002)
+            progress(0.0, "")
+
+    def nested(progress):
+        begun.set()
+        at_once(long, long, progress=progress)
+
+    def cancel(_fraction, _text):
+        told.append(threading.get_ident())
+        if len(told) == 20:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        at_once(lambda _: begun.wait(10), nested, progress=cancel)
+    assert told == [threading.get_ident()] * 20
+
+
+def test_why_a_job_failed_is_told_as_of_one_thread():
+    def fails(_progress):
+        try:
+            raise FileNotFoundError
+        except FileNotFoundError as error:
+            raise ValueError from error
+
+    for threads in (1, 2):
+        limits.allow(threads, 0)
+        with pytest.raises(ValueError) as told:
+            at_once(fails, lambda _: time.sleep(0.01))
+        assert isinstance(told.value.__cause__, FileNotFoundError)
+
+
 def test_the_job_that_fails_is_told_and_the_others_are_stopped():
     begun = threading.Event()
 

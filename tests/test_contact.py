@@ -50,8 +50,30 @@ def test_lazy_gaps_equal_brute_force_while_bodies_move_and_shift(least):
             distance = np.linalg.norm(solid.vertices - before, axis=1)
             steps[solid.name] = (distance, float(distance.max()))
         pair.moved(steps)
+        pair.catch_up()
         if number == 5:
             pair.shifted(np.array([0.4, -0.2, 0.1]))
+
+
+def test_what_was_noted_in_any_order_lowers_bounds_in_one():
+    """Pairs that move side by side let a third know when they are done, and no bit may tell."""
+    random, bounds = np.random.default_rng(3), []
+    steps = []
+    for number in range(6):
+        name = ("one", "two")[number % 2]
+        distance = random.uniform(0.0, 10.0 ** -random.integers(0, 9), len(solids()[number % 2].vertices))
+        steps.append({name: (distance, float(distance.max()))})
+    for order in (range(6), (3, 1, 5, 0, 2, 4), range(5, -1, -1)):
+        pair = Pair(*solids(), 0.0)
+        pair.look(5.0)
+        for number in order:
+            pair.moved(steps[number], number)
+            pair.moved({"third": steps[0].get("one", (0.0, 1.0))}, number)
+        pair.catch_up()
+        pair.catch_up()  # once is enough
+        bounds.append(np.concatenate([side.bound for side in pair.sides]))
+    np.testing.assert_array_equal(bounds[1], bounds[0])
+    np.testing.assert_array_equal(bounds[2], bounds[0])
 
 
 def test_ways_lead_out():
