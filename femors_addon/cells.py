@@ -21,6 +21,7 @@ CELL_FILL = 6  # centres a cell, at least, on average
 # kernel values in one call: 1.6 MB, for the processor's cache, and one to two milliseconds
 TOGETHER = 400_000
 HANDED = 4  # such calls that a thread is given at once: it takes a tenth of a millisecond to give
+LARGEST = 3_200_000  # the same where one cell meets tens of thousands of centres
 FEWEST, MOST_QUERIES = 16, 128  # queries of one cell in one call, where it has as many
 FEW, FILLED = 32, (4, 16)  # queries: counts are filled up to a multiple of these, up to so many and beyond
 # multiplications in a product of two matrices: where there are more, OpenBLAS lets one thread at a time go
@@ -146,7 +147,7 @@ class Cells:
         centres = length.sum(axis=1)
         queries = np.diff(first, append=len(keys))
         # queries of one cell in parts, none where no centre is near
-        most = np.clip(TOGETHER // np.maximum(centres, 1), FEWEST, MOST_QUERIES)
+        most = np.clip(LARGEST // np.maximum(centres, 1), FEWEST, MOST_QUERIES)
         parts = -(-queries // most) * (centres > 0)
         cell = np.repeat(np.arange(len(first)), parts)
         nth = np.arange(len(cell)) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -203,9 +204,9 @@ def _filled(count: Int) -> Int:
 
 
 def _in_parts(query: Int, each: int) -> Int:
-    """Return queries (b, q) as (b, parts, q / parts): products of `each` a query that are not `LOCKED`."""
+    """Return queries (b, q) as (b, parts, q / parts): products of `each` a query, if may be not `LOCKED`."""
     size = query.shape[1]
-    while size * each > LOCKED and size > FILLED[0] and size % 2 == 0:
+    while size * each > LOCKED and size > FEWEST and size % 2 == 0:
         size //= 2
     return query.reshape(len(query), -1, size)
 
