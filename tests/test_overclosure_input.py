@@ -226,7 +226,7 @@ def test_cubes_that_stand_exactly_in_line(cells, depth):
 @pytest.mark.parametrize("cells", [4, 5])
 @pytest.mark.parametrize("depth", [0.5, 0.8, 0.9, 1.3])
 def test_cubes_that_go_nowhere_are_shaken(cells, depth):
-    """Which of them do depends on roundings, and so on the processor: of a hundred like these eight did."""
+    """Which of them do depends on roundings, and so on the processor: of 108 like these five did."""
     bodies = [Body("one", box(cells, 10.0)), Body("two", box(cells, 10.0, (0.0, 0.0, 10.0 - depth)), 0.2)]
     assert_apart(remove_overclosure(bodies, OverclosureSettings(gap=GAP)))
 
