@@ -204,7 +204,7 @@ def _filled(count: Int) -> Int:
 
 
 def _in_parts(query: Int, each: int) -> Int:
-    """Return queries (b, q) as (b, parts, q / parts): products of `each` a query, if may be not `LOCKED`."""
+    """Return queries (b, q) as (b, parts, q / parts): products of `each` a query, `LOCKED` if need be."""
     size = query.shape[1]
     while size * each > LOCKED and size > FEWEST and size % 2 == 0:
         size //= 2
