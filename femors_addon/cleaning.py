@@ -7,13 +7,11 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from . import triples
 from .crew import in_blocks
-from .mesh import Float, Int, Surface
+from .mesh import Float, Int, Surface, connected
 from .orientation import oriented
 from .progress import FemorsError, counted
 
@@ -120,9 +118,7 @@ def _merge(surface: Surface) -> tuple[Int, Int]:
     first, inverse = triples.unique_rows(surface.vertices)
     if len(first) == 3 * len(surface.faces) and len(surface.faces) > 1:
         pairs = cKDTree(surface.vertices[first]).query_pairs(1e-6 * surface.diagonal, output_type="ndarray")
-        graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(first),) * 2)
-        _, group = csgraph.connected_components(graph, directed=False)
-        inverse = group[inverse]
+        inverse = connected(pairs, len(first))[inverse]
     # number merged vertices by their first appearance: file order survives the merge
     _, first, inverse = np.unique(inverse, return_index=True, return_inverse=True)
     order = np.argsort(first, kind="stable")

@@ -32,10 +32,14 @@ _here = threading.local()  # `crew` is that of the thread
 
 
 @contextmanager
-def crew() -> Iterator[None]:
-    """Keep as many threads as are allowed, this one included; within a crew there is no other."""
-    if Limits.threads < 2 or getattr(_here, "crew", None):
-        yield
+def crew() -> Iterator[_Crew | None]:
+    """Keep as many threads as are allowed, this one included, and give them, if there are several.
+
+    Within a crew there is no other. Where the system refuses a thread, there are fewer.
+    """
+    mine: _Crew | None = getattr(_here, "crew", None)
+    if mine or Limits.threads < 2:
+        yield mine
         return
     own = _Crew()
     threads: list[threading.Thread] = []
@@ -43,9 +47,12 @@ def crew() -> Iterator[None]:
     try:
         for number in range(Limits.threads - 1):
             thread = threading.Thread(target=own.serve, name=f"femors-{number}", daemon=True)
-            thread.start()
+            try:
+                thread.start()
+            except RuntimeError:
+                break
             threads.append(thread)
-        yield
+        yield own
     finally:
         if getattr(_here, "crew", None) is own:  # a generator may be closed by another thread
             _here.crew = None
@@ -76,11 +83,14 @@ def over(work: Callable[[T], R], parts: Iterable[T], ahead: int = 0) -> Generato
     """
     parts = iter(parts)
     first = list(islice(parts, 2))
-    if len(first) < 2 or Limits.threads < 2:
-        yield from map(work, chain(first, parts))
+    if len(first) < 2:
+        yield from map(work, first)
         return
-    with crew():
-        yield from _over(_here.crew, work, chain(first, parts), ahead or AHEAD * Limits.threads)
+    with crew() as mine:
+        if mine is None:
+            yield from map(work, chain(first, parts))
+        else:
+            yield from _over(mine, work, chain(first, parts), ahead or AHEAD * Limits.threads)
 
 
 def in_blocks(work: Callable[[slice], R], count: int) -> list[R]:
@@ -98,8 +108,14 @@ def at_once(*jobs: Callable[[Progress], Any], progress: Progress = silent) -> li
     This thread alone reports to `progress`, now and then; where it is told to cancel, or a job fails, the
     others stop as they next report. What is reported has to be the same each time, see `progress.repeating`.
     """
-    if Limits.threads < 2:
-        return [job(progress) for job in jobs]
+    with crew() as mine:
+        if mine is None:
+            return [job(progress) for job in jobs]
+        return _at_once(mine, jobs, progress)
+
+
+def _at_once(mine: _Crew, jobs: Sequence[Callable[[Progress], Any]], progress: Progress) -> list[Any]:
+    """As `at_once`, by a crew."""
     stop, failed = _Stop(progress), dict[int, BaseException]()
 
     def run(number: int) -> Any:
@@ -111,12 +127,11 @@ def at_once(*jobs: Callable[[Progress], Any], progress: Progress = silent) -> li
             stop.is_set = True
             raise
 
-    with crew():
-        try:
-            return list(_over(_here.crew, run, iter(range(len(jobs))), len(jobs), stop))
-        except BaseException:
-            if not failed:
-                raise
+    try:
+        return list(_over(mine, run, iter(range(len(jobs))), len(jobs), stop))
+    except BaseException:
+        if not failed:
+            raise
     raise failed[min(failed)]  # others were only told to stop
 
 

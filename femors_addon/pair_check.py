@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csgraph
 
 from . import triples
 from .booleans import shared_volume
@@ -19,7 +18,7 @@ from .distances import Target, distances
 from .edge_gaps import least_between
 from .findings import CLEAR, CONTAINED, NEAR, OVERLAP, Finding
 from .intersect import crossings, piercings
-from .mesh import Float, Int, Surface, edge_matrix
+from .mesh import Float, Int, Surface, connected
 
 SWALLOWED = 0.5  # of a body's nodes inside another: as many leaving by the wrong side, and it is contained
 TOLERANCE = 1e-5  # of the unit: by how much a gap may miss what is asked for
@@ -204,7 +203,7 @@ def _rounding(surface: Surface) -> float:
 
 def _whole_piece(surface: Surface, other: Surface, deep: NDArray[np.bool_]) -> bool:
     """Whether a connected piece of a surface lies inside the other without crossing it."""
-    _, piece = csgraph.connected_components(edge_matrix(surface.edges, len(surface.vertices)), directed=False)
+    piece = connected(surface.edges, len(surface.vertices))
     outside = np.zeros(int(piece.max()) + 1, dtype=bool)
     np.logical_or.at(outside, piece, ~deep)
     whole = np.flatnonzero(~outside)

@@ -7,22 +7,47 @@
 #   FEMORS_NEED_BLENDER=1   a missing real Blender is a failure (CI)
 #   FEMORS_TEST_PACKAGE=1   `make test-package` runs too (CI): no Blender tests of the checkout in a real one,
 #                           and no story in its window
+#   FEMORS_JOBS=2           the core in that Blender's Python runs beside the first two (CI); shown after them
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1
 python=.venv/bin/python
 work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+trap 'kill -- "-$beside" 2>/dev/null; rm -rf "$work"' EXIT
 limit=""
-command -v timeout >/dev/null && limit="timeout --foreground -k 10 1200" # a hang must not last for ever
-verdict="" failed=0 skipped=0
+command -v timeout >/dev/null && limit="timeout --foreground -k 10 2400" # a hang must not last for ever
+verdict="" failed=0 skipped=0 beside=""
 
 # stage NAME COMMAND...: run pytest and keep its closing line
 stage() {
-  local name=$1 code result
+  local name=$1
   shift
   printf '\n##### %s\n' "$name"
   $limit "$@" </dev/null 2>&1 | tee "$work/out"
-  code=${PIPESTATUS[0]}
+  judge "$name" "${PIPESTATUS[0]}"
+}
+
+# begin COMMAND...: the same, in the background; `joined` shows it
+begin() {
+  set -m # without it a background job is deaf to Ctrl-C, which a test sends
+  $limit "$@" </dev/null >"$work/beside" 2>&1 &
+  beside=$!
+  set +m
+}
+
+# joined NAME: wait for what was begun, show what it has said, keep its closing line
+joined() {
+  local code
+  wait "$beside"
+  code=$?
+  printf '\n##### %s\n' "$1"
+  tee "$work/out" <"$work/beside"
+  judge "$1" "$code"
+  beside=""
+}
+
+# judge NAME CODE: what a stage adds to the verdict, by its exit code and the closing line of $work/out
+judge() {
+  local name=$1 code=$2 result
   result=$(sed -n 's/^=* *\([0-9].* in [0-9.]*s\).*$/\1/p' "$work/out" | tail -n 1)
   if [ "$code" -ne 0 ]; then
     failed=1
@@ -62,26 +87,28 @@ fetched=${FEMORS_BLENDER_DIR:-$HOME/.cache/femors/blender}/blender-trixie
 runner=${fetched%/*}/run-trixie
 [ -n "$blender" ] || [ ! -x "$fetched" ] || blender=$fetched
 
+# own: an environment with preferences of its own, for the command that follows
+own() { echo "BLENDER_USER_RESOURCES=$(mktemp -d "$work/user-XXXX")"; }
+
+site="" name="core in that Blender's Python"
+[ -z "$blender" ] || site=$(tests/prepare_blender.sh "$blender")
+inside=(env FEMORS_SITE="$site" "$blender" -b --factory-startup --python-exit-code 1 --python tests/run_in_blender.py --)
+[ -z "$site" ] || [ "${FEMORS_JOBS:-1}" -le 1 ] || begin env "$(own)" "${inside[@]}" tests/test_*.py
+
 stage "core" "$python" -m pytest
-stage "bpy wheel" env BLENDER_USER_RESOURCES="$(mktemp -d "$work/wheel-XXXX")" "$python" -m pytest tests/blender
+stage "bpy wheel" env "$(own)" "$python" -m pytest tests/blender
 
 if [ -z "$blender" ]; then
   verdict+="SKIPPED: blender -b, for no blender was found ('make blender' fetches one, BLENDER=... names one); "
   [ -z "${FEMORS_NEED_BLENDER:-}" ] || failed=1
-elif site=$(tests/prepare_blender.sh "$blender"); then
-  version=$("$blender" --version 2>/dev/null </dev/null | head -n 1)
-  inside() {
-    local name=$1
-    shift
-    stage "$name" env FEMORS_SITE="$site" BLENDER_USER_RESOURCES="$(mktemp -d "$work/real-XXXX")" \
-      "$blender" -b --factory-startup --python-exit-code 1 --python tests/run_in_blender.py -- "$@"
-  }
+elif [ -n "$site" ]; then
   if [ -n "${FEMORS_TEST_PACKAGE:-}" ]; then
     verdict+="left out: blender -b with the checkout, for 'make test-package' does it with the zip; "
   else
-    inside "blender -b ($version)" tests/blender
+    version=$("$blender" --version 2>/dev/null </dev/null | head -n 1)
+    stage "blender -b ($version)" env "$(own)" "${inside[@]}" tests/blender
   fi
-  inside "core in that Blender's Python" tests/test_*.py
+  if [ -n "$beside" ]; then joined "$name"; else stage "$name" env "$(own)" "${inside[@]}" tests/test_*.py; fi
 else
   failed=1
   verdict+="blender -b ($blender): FAILED, it could not be prepared; "
