@@ -146,9 +146,10 @@ def result_of(
     history: tuple[Step, ...],
     stop: str,
     through: Mapping[tuple[str, str], str],
+    untold: Mapping[tuple[str, str], str],
     progress: Progress,
 ) -> OverclosureResult:
-    """Put the result together; `stop` says why the loop ended early, or is "", `through` see `Removal`."""
+    """Put the result together; `stop` says why the loop ended early, or is ""; the rest as in `Removal`."""
     jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
     jobs += [partial(figures_of, solid, efforts) for solid in solids]
     measured: list[Any] = []
@@ -159,7 +160,9 @@ def result_of(
             measured.append(next(figures))
     notes, *bodies = measured
     reasons = [
-        _reason(finding, solids, after, stop, through.get(finding.names, ""))
+        _untold(finding, untold[finding.names])
+        if finding.names in untold
+        else _reason(finding, solids, after, stop, through.get(finding.names, ""))
         + ("" if finding.names in through else _sheets(finding, solids))
         for finding in after
         if not finding.clear
@@ -220,6 +223,16 @@ def _reason(
     if held:
         return f"{where}: {left}; elements of '{held[0]}' would be inverted ({stop or 'stopped'})"
     return f"{where}: {left} ({stop or 'stopped'})"
+
+
+def _untold(finding: Finding, name: str) -> str:
+    """Say why a pair was left alone of which the normals of a body that is open say that it overlaps."""
+    place = ", ".join(f"{x:.4g}" for x in finding.where)
+    return (
+        f"'{finding.one}' and '{finding.two}' at ({place}): nothing crosses, but '{name}' is open and its "
+        f"normals say {finding.depth:.4g} deep; left alone: close its holes (Fill Holes in Blender) or "
+        "exclude the pair"
+    )
 
 
 def _sheets(finding: Finding, solids: Sequence[Solid]) -> str:

@@ -16,6 +16,7 @@ from .cleaning import distinct_nodes
 from .contact import Pair
 from .crew import together
 from .effort import Effort
+from .findings import OVERLAP
 from .limits import require_nodes
 from .mesh import Surface
 from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find, same_surface
@@ -35,6 +36,7 @@ WIDEST = 0.2
 THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
 TRIES = 3  # certificates that may fail before the loop gives up
 SHAKEN = (1e-3, 1e-5)  # mean edges: how far nodes are moved at random where a pair is stuck
+UNTOLD = 0.1  # of the smaller body's size: a depth by the normals of an open body alone that is not believed
 NEARLY = 0.01  # mean edges: what is left at most, for it is little that shaking helps with
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
 
@@ -82,6 +84,8 @@ class Removal:
         Why it is not clear, or "".
     through : dict of names of a pair to str
         Overlapping pairs where a sheet runs right through a body: which of the two is the sheet.
+    untold : dict of names of a pair to str
+        Pairs that are left alone, for it cannot be told what is inside: which of the two is open.
     """
 
     def __init__(
@@ -101,6 +105,7 @@ class Removal:
         self.history: list[Step] = []
         self.stop = ""
         self.through: dict[tuple[str, str], str] = {}
+        self.untold: dict[tuple[str, str], str] = {}
 
     def run(self, progress: Progress) -> None:
         """Do what has to be done.
@@ -118,6 +123,7 @@ class Removal:
         if overlap and all(solid.share == 0 for solid in self.solids):
             raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
         self._check_gaps()
+        self.untold = self._untold()
         self.efforts = self._begun(bounds)
         if not overlap:
             return
@@ -137,6 +143,7 @@ class Removal:
             tuple(self.history),
             self.stop,
             self.through,
+            self.untold,
             progress,
         )
 
@@ -161,6 +168,23 @@ class Removal:
             if finding.crossings and runs_through(of[sheet], of[body])
         }
 
+    def _untold(self) -> dict[tuple[str, str], str]:
+        """Return pairs that overlap by the normals of an open body alone: nothing crosses, and it is deep.
+
+        What faces a hole is neither inside nor outside, however deep the normals around the hole say.
+        """
+        of = {solid.name: solid for solid in self.solids}
+        return {
+            finding.names: other
+            for finding in self.before
+            for own, other in (finding.names, finding.names[::-1])
+            if finding.state == OVERLAP
+            and not finding.crossings
+            and finding.depth > UNTOLD * min(of[name].surface.diagonal for name in finding.names)
+            and of[other].open_edges
+            and (of[own].surface.vertices == finding.where).all(axis=1).any()
+        }
+
     def _find(self, progress: Progress, bounds: Bounds | None = None) -> list[Finding]:
         """Measure all pairs anew."""
         return find(self.solids, self._asked, band_of(self.solids, self._settings), progress, bounds=bounds)
@@ -175,7 +199,7 @@ class Removal:
         if settings.method != "grnn":
             settings = dataclasses.replace(settings, continuation=False)
         deepest = max((finding.depth for finding in self.before), default=0.0)
-        given_up = {finding.names for finding in self.before if finding.state == CONTAINED}
+        given_up = {finding.names for finding in self.before if finding.state == CONTAINED} | set(self.untold)
         jobs = []
         for (i, j), gap in self._asked.items():
             one, two = self.solids[i], self.solids[j]
@@ -213,7 +237,7 @@ class Removal:
                 break
             for effort in efforts:
                 effort.pair.forget()
-        if stop and ours and (doubtful or not _better(after, self.before)):
+        if stop and ours and (doubtful or not _better(_tried(after, efforts), _tried(self.before, efforts))):
             for solid in self.solids:
                 solid.put(solid.rest)
             return stop, list(self.before)
@@ -277,8 +301,13 @@ class Removal:
 
 def _clear(found: Sequence[Finding], efforts: Sequence[Effort]) -> bool:
     """Whether all pairs are clear that something could be done about."""
-    tried = {effort.pair.names for effort in efforts}
-    return all(finding.clear for finding in found if finding.names in tried)
+    return all(finding.clear for finding in _tried(found, efforts))
+
+
+def _tried(found: Sequence[Finding], efforts: Sequence[Effort]) -> list[Finding]:
+    """Return what is found of pairs that something could be done about."""
+    names = {effort.pair.names for effort in efforts}
+    return [finding for finding in found if finding.names in names]
 
 
 def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:

@@ -119,6 +119,24 @@ def test_an_open_surface_is_told_and_parted():
     assert any("open" in note for note in result.notes)
 
 
+@pytest.mark.parametrize("rigid", ["ball", "cup", ""])
+def test_a_body_in_the_mouth_of_an_open_one_is_left_alone_and_the_others_are_parted(rigid):
+    """The normals of a bone without its end say that its neighbour is inside: it was pushed out."""
+    ball, whole = sphere(3, 6.0, (0.0, 0.0, 4.0)), sphere()
+    cup = Surface(whole.vertices, whole.faces[(whole.corners[:, :, 2] < 3.0).all(axis=1)])
+    named = {"ball": ball, "cup": cup, "upper": moved(sphere(3, 6.0), (0.0, 1.0, 15.5))}
+    bodies = [Body(name, mesh, 0.0 if name == rigid else None) for name, mesh in named.items()]
+    result = remove_overclosure(bodies)
+    assert not result.certified
+    (reason,) = result.reasons
+    assert "'cup' is open and its normals say" in reason and "close its holes" in reason
+    states = {finding.names: finding.state for finding in result.after}
+    assert states["ball", "upper"] == "clear" and states["ball", "cup"] == "overlap"
+    assert not result.bodies[1].moved and np.abs(result.bodies[0].movement.maximum) < 1.0
+    apart = remove_overclosure(bodies, exclude=[("ball", "cup")])
+    assert apart.certified and np.array_equal(apart.bodies[2].nodes, result.bodies[2].nodes)
+
+
 def test_a_body_that_crosses_itself_near_contact_is_told():
     blob = sphere(), moved(sphere(), (2.0, 9.0, 1.0))  # one mesh of two spheres that cross each other
     faces = np.concatenate((blob[0].faces, blob[1].faces + len(blob[0].vertices)))
