@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Container, Iterable, Sequence
 from functools import partial
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from . import settings as declared
 from .bodies import Body, Solid, shares
+from .boxes import Boxes
 from .cleaning import distinct_nodes
 from .contact import Pair
 from .crew import together
@@ -34,6 +36,7 @@ MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to
 WIDEST = 0.2
 """Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
 THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
+SIGHT = 4.0  # of the largest depth, and the band: pairs farther apart are left until they have come near
 TRIES = 3  # certificates that may fail before the loop gives up
 SHAKEN = (1e-3, 1e-5)  # mean edges: how far nodes are moved at random where a pair is stuck
 UNTOLD = 0.1  # of the smaller body's size: a depth by the normals of an open body alone that is not believed
@@ -99,6 +102,7 @@ class Removal:
         self._settings, self._preview = settings, preview
         self.solids = solids_of(bodies, settings)
         self._asked = asked_gaps(self.solids, settings.gap, exclude, gaps)
+        self._boxes = Boxes([solid.surface for solid in self.solids])
         self.before: list[Finding] = []
         self.after: list[Finding] = []
         self.efforts: list[Effort] = []
@@ -124,12 +128,12 @@ class Removal:
             raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
         self._check_gaps()
         self.untold = self._untold()
-        self.efforts = self._begun(bounds)
+        self.efforts = self._begun(self._in_sight(), bounds)
         if not overlap:
             return
         self.through = self._run_through()
         self.stop, self.after = self._removed(self.efforts, self.history, part(progress, 0.1, 0.95))
-        if self._settings.method == "grnn" and not _clear(self.after, self.efforts):
+        if self._settings.method == "grnn" and self._left(self.after):
             self._again(part(progress, 0.95, 0.97))
 
     def result(self, progress: Progress) -> OverclosureResult:
@@ -189,25 +193,46 @@ class Removal:
         """Measure all pairs anew."""
         return find(self.solids, self._asked, band_of(self.solids, self._settings), progress, bounds=bounds)
 
-    def _begun(self, bounds: Bounds, stuck: Container[tuple[str, str]] = ()) -> list[Effort]:
-        """Return an effort for each pair that may have to be moved, in the order of the bodies.
+    def _alone(self) -> set[tuple[str, str]]:
+        """Return the names of pairs that nothing can be done about."""
+        rigid = [solid.name for solid in self.solids if solid.share == 0]
+        contained = {finding.names for finding in self.before if finding.state == CONTAINED}
+        return contained | self.untold.keys() | set(itertools.combinations(rigid, 2))
 
-        Pairs that are clear now are kept in sight, for others may push them together. Those that are `stuck`
-        are parted first.
+    def _left(self, found: Sequence[Finding]) -> list[Finding]:
+        """Return what is not clear of the pairs that something can be done about."""
+        alone = self._alone()
+        return [finding for finding in found if not finding.clear and finding.names not in alone]
+
+    def _in_sight(self) -> list[tuple[int, int]]:
+        """Return the pairs that may have to be moved, in the order of the bodies; also clear ones, if near.
+
+        Others may push these together.
         """
+        deepest = max((finding.depth for finding in self.before), default=0.0)
+        near = band_of(self.solids, self._settings) + SIGHT * deepest
+        apart = self._boxes.apart(list(self._asked))
+        alone = self._alone()
+        return [
+            (i, j)
+            for ((i, j), gap), far in zip(self._asked.items(), apart, strict=True)
+            if far <= near + 2.0 * gap and (self.solids[i].name, self.solids[j].name) not in alone
+        ]
+
+    def _begun(
+        self, pairs: Iterable[tuple[int, int]], bounds: Bounds, stuck: Container[tuple[str, str]] = ()
+    ) -> list[Effort]:
+        """Return an effort for each pair; those that are `stuck` are parted first."""
         settings = self._settings
         if settings.method != "grnn":
             settings = dataclasses.replace(settings, continuation=False)
         deepest = max((finding.depth for finding in self.before), default=0.0)
-        given_up = {finding.names for finding in self.before if finding.state == CONTAINED} | set(self.untold)
         jobs = []
-        for (i, j), gap in self._asked.items():
+        for i, j in pairs:
             one, two = self.solids[i], self.solids[j]
-            if one.share + two.share == 0 or (one.name, two.name) in given_up:
-                continue
             size = max(float(np.abs(solid.vertices).max()) for solid in (one, two))
             margin = 2.0 * float(np.spacing(np.float32(size)))
-            pair = Pair(one, two, gap)
+            pair = Pair(one, two, self._asked[i, j])
             for side in pair.sides:
                 side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
             stride = self._stride((i, j), deepest)
@@ -219,8 +244,8 @@ class Removal:
     ) -> tuple[str, list[Finding]]:
         """Run the method until the certificate holds; return why it stopped short, or "", and what is left.
 
-        The loop may think that it is done and be wrong, for it remembers much: then it goes on, with all of
-        that forgotten.
+        The loop may think that it is done and be wrong, for it remembers much, and pairs may have come near
+        that were out of sight: then it goes on with these, and with all forgotten.
         """
         settings, ours = self._settings, self._settings.method == "grnn"
         doubtful = all(finding.clear or finding.names in self.through for finding in self.before)
@@ -233,15 +258,23 @@ class Removal:
             for effort in efforts:
                 effort.pair.rest()
             after = self._find(part(progress, 0.9, 1.0))
-            if stop or _clear(after, efforts):
+            left = self._left(after)
+            if stop or not left:
                 break
             for effort in efforts:
                 effort.pair.forget()
-        if stop and ours and (doubtful or not _better(_tried(after, efforts), _tried(self.before, efforts))):
+            efforts += self._begun(self._unknown(left, efforts), {})
+        if stop and ours and (doubtful or not _better(self._left(after), self._left(self.before))):
             for solid in self.solids:
                 solid.put(solid.rest)
             return stop, list(self.before)
         return stop, after
+
+    def _unknown(self, found: Sequence[Finding], efforts: Sequence[Effort]) -> list[tuple[int, int]]:
+        """Return the pairs found that nothing has been done about yet."""
+        known = {effort.pair.names for effort in efforts}
+        number = {solid.name: number for number, solid in enumerate(self.solids)}
+        return [(number[f.one], number[f.two]) for f in found if f.names not in known]
 
     def _again(self, progress: Progress) -> None:
         """Begin anew with the pairs that are stuck, held apart or shaken; what ends no better is dropped."""
@@ -257,12 +290,12 @@ class Removal:
                 solid.held = set()
             if shaken:
                 self._shake(stuck, shaken)
-            again = self._begun({}, () if shaken else stuck)
+            again = self._begun(self._in_sight(), {}, () if shaken else stuck)
             if not shaken and not any(effort.through and effort.pair.names in stuck for effort in again):
                 continue
             steps: list[Step] = []  # the history is that of the state that is returned
             failed, found = self._removed(again, steps, progress)
-            if not failed and _clear(found, again):
+            if not failed and not self._left(found):
                 self.efforts, self.history, self.stop, self.after = again, steps, failed, found
                 return
         for solid, (points, held) in zip(self.solids, here, strict=True):
@@ -289,25 +322,12 @@ class Removal:
     def _stride(self, pair: tuple[int, int], deepest: float) -> float:
         """Return how far one step of a pair may go, so that no third body near it is passed through."""
         thinnest = np.inf
-        for number, other in enumerate(self.solids):
-            for mine in pair:
-                if number in pair or tuple(sorted((number, mine))) not in self._asked:
-                    continue
-                (low, high), (its_low, its_high) = self.solids[mine].surface.bounds, other.surface.bounds
-                if (np.maximum(low, its_low) - np.minimum(high, its_high) <= 2.0 * deepest).all():
+        for mine in pair:
+            apart = self._boxes.apart([(mine, number) for number in range(len(self.solids))])
+            for number in np.flatnonzero(apart <= 2.0 * deepest).tolist():
+                if number not in pair and (min(number, mine), max(number, mine)) in self._asked:
                     thinnest = min(thinnest, *(thickness(self.solids[n].surface) for n in (*pair, number)))
         return max(STRIDE * thinnest, deepest / STRIDES)
-
-
-def _clear(found: Sequence[Finding], efforts: Sequence[Effort]) -> bool:
-    """Whether all pairs are clear that something could be done about."""
-    return all(finding.clear for finding in _tried(found, efforts))
-
-
-def _tried(found: Sequence[Finding], efforts: Sequence[Effort]) -> list[Finding]:
-    """Return what is found of pairs that something could be done about."""
-    names = {effort.pair.names for effort in efforts}
-    return [finding for finding in found if finding.names in names]
 
 
 def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:
