@@ -28,18 +28,26 @@ AHEAD = 2  # parts for each thread that are begun before the first is done: no m
 BLOCK = 20_000  # rows: some 20 ms of a search
 LOOK = 0.05  # seconds between two looks at whether jobs in other threads are to be cancelled
 
-_here = threading.local()  # `crew` is that of the thread
+_here = threading.local()  # `crew` is that of the thread; `alone`, whether it wants none
 
 
 @contextmanager
-def crew() -> Iterator[_Crew | None]:
+def crew(worth: bool = True) -> Iterator[_Crew | None]:
     """Keep as many threads as are allowed, this one included, and give them, if there are several.
 
-    Within a crew there is no other. Where the system refuses a thread, there are fewer.
+    Within a crew there is no other. Where the system refuses a thread, there are fewer; where it is not
+    `worth` it, for all pieces are over sooner than they are handed to another thread, this one is alone.
     """
     mine: _Crew | None = getattr(_here, "crew", None)
-    if mine or Limits.threads < 2:
+    if mine or Limits.threads < 2 or getattr(_here, "alone", False):
         yield mine
+        return
+    if not worth:
+        _here.alone = True
+        try:
+            yield None
+        finally:
+            _here.alone = False
         return
     own = _Crew()
     threads: list[threading.Thread] = []
@@ -305,18 +313,26 @@ class _Crew:
 
 
 class _Order:
-    """Jobs of which some need others."""
+    """Jobs of which some need others.
+
+    Who has done a job goes on with one that waited for it alone, and offers the others: of many jobs that
+    are over at once, as of bodies that nothing touches, few are handed from thread to thread.
+    """
 
     def __init__(self, mine: _Crew, jobs: Sequence[Job[R]], needs: Sequence[Collection[int]]) -> None:
-        self._crew, self._left = mine, len(jobs)
-        self._needs = [set(need) for need in needs]
-        self._failed = False
-        self._tasks = [_Task(partial(self._run, number, job)) for number, job in enumerate(jobs)]
+        self._crew, self._jobs, self._left = mine, jobs, len(jobs)
+        self._values: list[Any] = [None] * len(jobs)
+        self._failed: dict[int, BaseException] = {}
+        self._waits = [len(set(need)) for need in needs]  # for so many
+        self._next: list[list[int]] = [[] for _ in jobs]  # who waits for each
+        for number, need in enumerate(needs):
+            for other in set(need):
+                self._next[other].append(number)
 
     def results(self) -> list[Any]:
         """Work until all is done."""
         mine = self._crew
-        mine.offer([task for task, need in zip(self._tasks, self._needs, strict=True) if not need][::-1])
+        self._offer([number for number, waits in enumerate(self._waits) if not waits])
         while True:
             with mine.changed:
                 task = mine.take()
@@ -326,19 +342,28 @@ class _Order:
             if task is None:
                 break
             mine.do(task)
-        return [task.outcome() for task in self._tasks]
+        if self._failed:
+            raise self._failed[min(self._failed)]
+        return self._values
 
-    def _run(self, number: int, job: Job[R]) -> R | None:
-        """Do a job, unless one has failed; then offer those that waited for it alone."""
-        try:
-            return None if self._failed else job()
-        except BaseException:
-            self._failed = True
-            raise
-        finally:
+    def _offer(self, numbers: Sequence[int]) -> None:
+        if numbers:
+            self._crew.offer([_Task(partial(self._work, number)) for number in reversed(numbers)])
+
+    def _work(self, number: int | None) -> None:
+        """Do a job, and what becomes free by it; nothing any more once one has failed."""
+        while number is not None:
+            try:
+                if not self._failed:
+                    self._values[number] = self._jobs[number]()
+            except BaseException as error:
+                self._failed[number] = error
             with self._crew.changed:
-                free = [n for n, need in enumerate(self._needs) if number in need and len(need) == 1]
-                for need in self._needs:
-                    need.discard(number)
+                free = []
+                for other in self._next[number]:
+                    self._waits[other] -= 1
+                    if not self._waits[other]:
+                        free.append(other)
                 self._left -= 1
-            self._crew.offer([self._tasks[n] for n in reversed(free)])
+            number = free[0] if free else None
+            self._offer(free[1:])

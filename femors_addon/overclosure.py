@@ -25,6 +25,8 @@ from .removal import Removal, band_of, solids_of
 
 __all__ = ["Body", "OverclosureResult", "OverclosureSettings", "check_overclosure", "remove_overclosure"]
 
+LARGE = 8000  # nodes of a body, on average, from which two threads are faster than one
+
 Preview = Callable[[Mapping[str, Float]], None]
 """Called with the nodes (n, 3) of each body by name while a removal runs."""
 
@@ -44,7 +46,7 @@ def check_overclosure(
     each thing that the user should know of the bodies, in words.
     """
     settings = settings or OverclosureSettings()
-    with crew():
+    with crew(_are_large(bodies)):
         solids = solids_of(bodies, settings)
         asked = asked_gaps(solids, settings.gap, exclude, gaps or {})
         found = find(solids, asked, band_of(solids, settings), progress)
@@ -94,10 +96,14 @@ def remove_overclosure(
         From `progress`.
     """
     started = time.process_time()
-    with crew():
+    with crew(_are_large(bodies)):
         removal = Removal(bodies, settings or OverclosureSettings(), exclude, gaps or {}, preview)
         removal.run(part(progress, 0.0, 0.9))
         solved = time.process_time()
         result = removal.result(part(progress, 0.9, 1.0))
     progress(1.0, "done")
     return dataclasses.replace(result, seconds=time.process_time() - started, solve_seconds=solved - started)
+
+
+def _are_large(bodies: Sequence[Body]) -> bool:
+    return sum(len(body.nodes) for body in bodies) >= LARGE * len(bodies)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from solids import hexes
 
-from femors_addon import limits
+from femors_addon import limits, overclosure
 from femors_addon.crew import AHEAD, crew, each, ordered, over, together
 from femors_addon.overclosure import Body, OverclosureSettings, check_overclosure, remove_overclosure
 from femors_addon.progress import Cancelled
@@ -21,7 +21,8 @@ from femors_addon.shapes import sphere
 
 
 @pytest.fixture(autouse=True)
-def restored():
+def restored(monkeypatch):
+    monkeypatch.setattr(overclosure, "LARGE", 0)  # threads for small bodies too
     before = limits.Limits.threads, limits.Limits.memory
     yield
     limits.Limits.threads, limits.Limits.memory = before
@@ -226,6 +227,21 @@ def many() -> list[Body]:
         Body("beside", sphere(3, radius=6.0, centre=(15.3, 0.0, 22.2))),
         Body("apart", sphere(3, radius=6.0, centre=(60.0, 0.0, 0.0))),
     ]
+
+
+@pytest.mark.parametrize("large", [0, 700, 8000])
+def test_small_bodies_are_for_one_thread(large, monkeypatch):
+    """Their pieces are over sooner than they are handed over: 13 bones of a wrist took half as long again."""
+    limits.allow(2, 0)
+    monkeypatch.setattr(overclosure, "LARGE", large)
+    begun, start = [], threading.Thread.start
+    monkeypatch.setattr(threading.Thread, "start", lambda thread: (begun.append(thread), start(thread))[1])
+    balls = [Body(f"ball{n}", sphere(3, radius=10.0, centre=(19.0 * n, 0.0, 0.0))) for n in range(2)]
+    assert len(balls[0].nodes) == 642
+    remove_overclosure(balls)
+    check_overclosure(balls)
+    assert len(begun) == (2 if large == 0 else 0)
+    assert list(over(lambda part: part, range(3))) == [0, 1, 2] and len(begun) == (3 if large == 0 else 1)
 
 
 def test_threads_change_no_bit_of_many_bodies_and_no_figure():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from surfaces import soup
 
-from femors_addon import balls, cells, crew, frames, grnn, limits, nearest
+from femors_addon import balls, cells, crew, frames, grnn, limits, nearest, overclosure
 from femors_addon.carry import Carrier
 from femors_addon.examine import examine
 from femors_addon.grnn import DisplacementField
@@ -27,7 +27,8 @@ from femors_addon.transfer_settings import TransferSettings
 
 
 @pytest.fixture(autouse=True)
-def restored():
+def restored(monkeypatch):
+    monkeypatch.setattr(overclosure, "LARGE", 0)  # threads for small bodies too
     before = limits.Limits.threads, limits.Limits.memory
     yield
     limits.Limits.threads, limits.Limits.memory = before
