@@ -17,9 +17,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from . import triples
 from .mesh import Float, Surface
 from .reduce import reduced
-from .transforms import inverse
+from .transforms import inverse, transformed
 
 SAMPLE = 1500  # nodes that ICP works with
 POINT_SHARE = 0.05  # weight of the point-to-point distance beside the point-to-plane distance
@@ -155,6 +156,26 @@ def matched(work: Registration, matrices: Float) -> Matches:
         square.append(_penalised(distance, facing, partial))
     x, y, n, chosen = (np.concatenate(parts, axis=1) for parts in zip(*kept, strict=True))
     return Matches(x, y, n, chosen, np.sqrt(np.concatenate(square, axis=1).mean(axis=1)))
+
+
+def unlike(work: Registration, matrix: Float, normal: float) -> float:
+    """Root mean square distance of two whole meshes' samples, each to the nearest in position and normal.
+
+    Parameters
+    ----------
+    work : Registration
+    matrix : (4, 4) float64
+        Transform of the source.
+    normal : float
+        Share of the target's size that a unit normal stands for.
+    """
+    source, target = work.source, work.target
+    weight = normal * float(np.linalg.norm(np.ptp(target.sample, axis=0)))
+    turned = triples.unit(source.sample_normals @ inverse(matrix)[:3, :3])
+    ours = np.hstack((transformed(matrix, source.sample), weight * turned))
+    theirs = np.hstack((target.sample, weight * target.sample_normals))
+    ways = (cKDTree(theirs).query(ours)[0], cKDTree(ours).query(theirs)[0])
+    return float(np.sqrt(np.mean(np.concatenate(ways) ** 2)))
 
 
 def _each(matrices: Float, points: Float) -> Float:

@@ -12,15 +12,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from .icp import Cloud, Fit, Registration, icp, matched
+from .icp import Cloud, Fit, Registration, icp, matched, unlike
 from .mesh import Float
 from .transforms import homogeneous, inverse, transformed
 
 SCOUTS = 250  # nodes that starts are compared with
 TOGETHER = 32  # starts that are looked at side by side: what they need stays in the processor's cache
 SLACK = 10.0  # factor on the tolerance, as long as starts are compared
-REFINED_STARTS = 10  # starts that are tried by ICP after the first look
-WHOLE_ROUNDS = ((5, 15), (10, 6))  # steps of ICP for each start, and how many are tried at most
+WHOLE_STARTS, PARTIAL_STARTS = 25, 10  # that are tried by ICP after the first look
+WHOLE_ROUNDS = ((5, 30), (10, 12))  # steps of ICP for each start, and how many are tried at most
 PARTIAL_STEPS = 25  # steps for each start where a mesh is partial, and all are kept
 FINAL_STARTS, FINAL_STEPS = 3, 25  # how many are tried to the end, and the steps for each
 DOUBTFUL_STARTS = 10  # the same, of a partial mesh that fits in several places about equally
@@ -28,6 +28,7 @@ APART = 0.1  # of the smaller mesh's size: poses that differ by more are two
 RIVAL = 1.12  # times the best misfit: a pose as good as that may be the right one
 CLOSE = 1.25  # the same after the last round, where whole poses are not yet followed to the end
 TURNED = 30.0  # degrees: poses of whole meshes that differ by more are two
+NORMAL = 0.12  # of the target's size: the length that a unit normal stands for, as in a morph's first search
 SELF_STEPS, AROUND = 15, 6  # of ICP of a shape with itself; neighbours that tell how dense its nodes are
 SAME = 0.5  # of the distance between neighbours: what lies on itself so closely is the same shape
 PLACES = 12  # parts of the whole that a partial mesh is laid on
@@ -119,14 +120,16 @@ def _contenders(scouts: Registration, found: list[Fit], kind: str) -> Start:
 def decided(work: Registration, start: Start, kind: str) -> Start:
     """Decide between the poses of whole meshes that fit about equally well, where there are several.
 
-    All samples do it, and without a shear: it would take up what tells the poses apart, so that the
-    order of the vertices decided.
+    All samples do it, by position and normal together: of bones that differ much, a wrong pose may be as
+    near. Each is followed to the end, for what a shear takes up does not tell poses apart.
     """
     if len(start.close) < 2:
         return start
     rough = dataclasses.replace(work, tolerance=SLACK * work.tolerance)
     plainer = "rigid" if kind == "rigid" else "similarity"
-    fits = icp(rough, _transforms(list(start.close)), plainer, FINAL_STEPS)
+    plain = icp(rough, _transforms(list(start.close)), plainer, FINAL_STEPS)
+    ends = plain if plainer == kind else icp(rough, _transforms(plain), kind, FINAL_STEPS)
+    fits = [Fit(fit.matrix, unlike(work, end.matrix, NORMAL)) for fit, end in zip(plain, ends, strict=True)]
     best = min(fits, key=lambda fit: fit.misfit)
     rivals = [fit for fit in fits if fit.misfit < RIVAL * best.misfit and _turn(fit, best) > TURNED]
     doubtful = any(not _same_shape(work, best.matrix, rival.matrix) for rival in rivals)
@@ -189,7 +192,7 @@ def _promising(work: Registration, starts: list[Float], places: int) -> list[int
     else:  # and the best turn at each place
         best = [int(np.argmin(first[1 + place :: places])) for place in range(places)]
         always = [0] + [1 + place + places * turn for place, turn in enumerate(best)]
-    lowest = np.argsort(first, kind="stable")[:REFINED_STARTS]
+    lowest = np.argsort(first, kind="stable")[: WHOLE_STARTS if whole else PARTIAL_STARTS]
     return list(dict.fromkeys(always + lowest.tolist()))
 
 

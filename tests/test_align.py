@@ -192,6 +192,30 @@ def test_it_is_told_where_whole_shapes_fit_in_several_poses(unlike):
     assert align(source, target, landmarks=(marks, marks)).warnings == ()
 
 
+def outgrown(seed: int) -> tuple[Surface, Surface]:
+    """Two ellipsoids with four knobs each in the same places, of heights that have nothing in common."""
+    ball, heights = shapes.sphere(3), np.random.default_rng(1000 + seed).uniform(0.2, 1.0, (2, 4))
+    out = []
+    for tall, radii in zip(heights, ((1.0, 1.2, 1.4), (1.1, 1.0, 1.5)), strict=True):
+        rng, reach = np.random.default_rng(seed), np.ones(len(ball.vertices))
+        for height in tall:
+            at, width = rng.normal(size=3), rng.uniform(0.2, 0.45)
+            angle = np.arccos(np.clip(ball.vertices @ (at / np.linalg.norm(at)), -1, 1))
+            reach += height * np.exp(-((angle / width) ** 2) / 2)
+        out.append(ball.moved(ball.vertices * reach[:, None] * radii))
+    return out[0], out[1]
+
+
+@pytest.mark.parametrize("seed", [11, 25, 32, 36])
+def test_knobs_that_grew_differently_are_laid_on_each_other(seed):
+    """By distance alone poses 150 to 174 degrees off were as near; by position and normal they are not."""
+    source, target = outgrown(seed)
+    start = pose(seed + 1)
+    turned = align(placed(start, source), target).matrix[:3, :3] @ start[:3, :3]
+    u, _, v = np.linalg.svd(turned)
+    assert np.degrees(np.arccos((np.trace(u @ v) - 1) / 2)) < 20
+
+
 @pytest.mark.parametrize(
     ("source", "target"),
     [
