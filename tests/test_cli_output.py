@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import told
 
 from femors_addon import cli, meshfiles
 from femors_addon.meshfiles import MeshFile
@@ -42,6 +43,7 @@ def refused(capsys, *argv: str) -> str:
     capsys.readouterr()
     assert cli.main(list(argv)) == 2
     out, err = capsys.readouterr()
+    err = told(err)
     assert out == "" and err.startswith("femors: ") and err.count("\n") == 1, err
     return err
 
@@ -68,8 +70,9 @@ def test_a_disk_that_is_full_below_stdout(folder, argv, end):
             check=False,
         )
     assert done.returncode == 1
-    assert done.stderr.startswith("femors: the figures could not be written to stdout"), done.stderr
-    assert done.stderr.endswith(end) and done.stderr.count("\n") == 1
+    said = told(done.stderr)
+    assert said.startswith("femors: the figures could not be written to stdout"), done.stderr
+    assert said.endswith(end) and said.count("\n") == 1
     assert (folder / "o.obj").exists() == ("morph" in argv)
 
 
