@@ -333,15 +333,19 @@ class _Order:
         """Work until all is done."""
         mine = self._crew
         self._offer([number for number, waits in enumerate(self._waits) if not waits])
-        while True:
-            with mine.changed:
-                task = mine.take()
-                while self._left and task is None:
-                    mine.changed.wait()
+        try:
+            while True:
+                with mine.changed:
                     task = mine.take()
-            if task is None:
-                break
-            mine.do(task)
+                    while self._left and task is None:
+                        mine.changed.wait()
+                        task = mine.take()
+                if task is None:
+                    break
+                mine.do(task)
+        except BaseException as error:  # Ctrl-C: the others begin nothing more
+            self._failed[-1] = error
+            raise
         if self._failed:
             raise self._failed[min(self._failed)]
         return self._values

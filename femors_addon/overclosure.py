@@ -16,12 +16,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from .bodies import Body
 from .crew import crew
+from .limits import Limits
 from .mesh import Float
 from .overclosure_check import Finding, PairGaps, asked_gaps, find
 from .overclosure_result import OverclosureResult, notes_of
 from .overclosure_settings import OverclosureSettings
 from .progress import Progress, part, silent
-from .removal import Removal, band_of, solids_of
+from .removal import Removal, band_of, nodes_of, solids_of
 
 __all__ = ["Body", "OverclosureResult", "OverclosureSettings", "check_overclosure", "remove_overclosure"]
 
@@ -106,4 +107,4 @@ def remove_overclosure(
 
 
 def _are_large(bodies: Sequence[Body]) -> bool:
-    return sum(len(body.nodes) for body in bodies) >= LARGE * len(bodies)
+    return Limits.threads > 1 and nodes_of(bodies) >= LARGE * len(bodies)

@@ -229,9 +229,9 @@ def _untold(finding: Finding, name: str) -> str:
     """Say why a pair was left alone of which the normals of a body that is open say that it overlaps."""
     place = ", ".join(f"{x:.4g}" for x in finding.where)
     return (
-        f"'{finding.one}' and '{finding.two}' at ({place}): nothing crosses, but '{name}' is open and its "
-        f"normals say {finding.depth:.4g} deep; left alone: close its holes (Fill Holes in Blender) or "
-        "exclude the pair"
+        f"'{finding.one}' and '{finding.two}' at ({place}): '{name}' is open and its normals say "
+        f"{finding.depth:.4g} deep, where nothing crossed: left alone; close its holes (Fill Holes in "
+        "Blender) or exclude the pair"
     )
 
 

@@ -44,11 +44,15 @@ NEARLY = 0.01  # mean edges: what is left at most, for it is little that shaking
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
 
 
+def nodes_of(bodies: Sequence[Body]) -> int:
+    """Return how many nodes bodies have in all, each counted once where triangles are not merged."""
+    return sum(distinct_nodes(b.mesh) if isinstance(b.mesh, Surface) else len(b.nodes) for b in bodies)
+
+
 def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Solid]:
     """Return the bodies at work; refuse what cannot be worked with."""
     declared.check(settings)
-    nodes = sum(distinct_nodes(b.mesh) if isinstance(b.mesh, Surface) else len(b.nodes) for b in bodies)
-    require_nodes(nodes, f"overclosure of {len(bodies)} bodies", MEMORY_LEAST, MEMORY_NODE)
+    require_nodes(nodes_of(bodies), f"overclosure of {len(bodies)} bodies", MEMORY_LEAST, MEMORY_NODE)
     if len(bodies) < 2:
         raise FemorsError(f"{len(bodies)} body given; overclosure needs at least two")
     names = [body.name for body in bodies]
@@ -279,7 +283,7 @@ class Removal:
     def _again(self, progress: Progress) -> None:
         """Begin anew with the pairs that are stuck, held apart or shaken; what ends no better is dropped."""
         through = {effort.pair.names for effort in self.efforts if effort.through}
-        left = [finding for finding in self.after if not finding.clear and finding.names not in through]
+        left = [finding for finding in self._left(self.after) if finding.names not in through]
         stuck = {finding.names for finding in left}
         edge = min(solid.surface.mean_edge for solid in self.solids)
         little = max((finding.depth for finding in left), default=np.inf) < NEARLY * edge

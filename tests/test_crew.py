@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import signal
 import threading
 import time
 from contextlib import nullcontext
@@ -15,6 +16,7 @@ from solids import hexes
 
 from femors_addon import limits, overclosure
 from femors_addon.crew import AHEAD, crew, each, ordered, over, together
+from femors_addon.mesh import Surface
 from femors_addon.overclosure import Body, OverclosureSettings, check_overclosure, remove_overclosure
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import sphere
@@ -217,6 +219,28 @@ def test_a_search_within_a_piece_starts_no_threads():
         assert set(seen) == {before}
 
 
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="no signals for single threads")
+def test_ctrl_c_ends_a_chain_in_another_thread_too():
+    limits.allow(2, 0)
+    both, done = threading.Barrier(2), []
+
+    def job(number: int) -> None:
+        done.append(number)
+        if number < 2:  # one for each thread; whoever has the second goes on with the chain
+            both.wait(5.0)
+        if number == 3:
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        time.sleep(0.05)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job is deaf to it
+    try:
+        with pytest.raises(KeyboardInterrupt), crew():
+            ordered([partial(job, n) for n in range(40)], [() if n < 2 else (n - 1,) for n in range(40)])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(done) < 12
+
+
 # --- removals -------------------------------------------------------------------------------------------
 def many() -> list[Body]:
     """A plate pressed between two balls, one of them rigid, a third ball in one of these, and one apart."""
@@ -229,15 +253,19 @@ def many() -> list[Body]:
     ]
 
 
+@pytest.mark.parametrize("soup", [False, True])
 @pytest.mark.parametrize("large", [0, 700, 8000])
-def test_small_bodies_are_for_one_thread(large, monkeypatch):
+def test_small_bodies_are_for_one_thread(large, soup, monkeypatch):
     """Their pieces are over sooner than they are handed over: 13 bones of a wrist took half as long again."""
     limits.allow(2, 0)
     monkeypatch.setattr(overclosure, "LARGE", large)
     begun, start = [], threading.Thread.start
     monkeypatch.setattr(threading.Thread, "start", lambda thread: (begun.append(thread), start(thread))[1])
-    balls = [Body(f"ball{n}", sphere(3, radius=10.0, centre=(19.0 * n, 0.0, 0.0))) for n in range(2)]
-    assert len(balls[0].nodes) == 642
+    balls = [sphere(3, radius=10.0, centre=(19.0 * n, 0.0, 0.0)) for n in range(2)]
+    assert len(balls[0].vertices) == 642
+    if soup:  # as STL has it: three corners a face
+        balls = [Surface(b.corners.reshape(-1, 3), np.arange(3 * len(b.faces)).reshape(-1, 3)) for b in balls]
+    balls = [Body(f"ball{n}", ball) for n, ball in enumerate(balls)]
     remove_overclosure(balls)
     check_overclosure(balls)
     assert len(begun) == (2 if large == 0 else 0)
