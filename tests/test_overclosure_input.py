@@ -270,6 +270,30 @@ def test_what_is_stuck_with_little_left_is_shaken_and_tried_again(monkeypatch, r
     assert not one[ball.vertices[:, 0] < 10.0 - 2.0 * edge].any()  # far from the other nothing moves
 
 
+def test_a_pair_that_is_left_alone_keeps_no_other_from_being_shaken(monkeypatch):
+    plain = removal.METHODS["grnn"]
+
+    def stuck_unless_shaken(efforts, solids, *args):
+        shaken = any((solid.points != solid.rest).any() for solid in solids)
+        return plain(efforts, solids, *args) if shaken else "no headway"
+
+    monkeypatch.setitem(removal.METHODS, "grnn", stuck_unless_shaken)
+    ball, whole = sphere(3, 10.0), sphere(3, 10.0, (0.0, 0.0, 80.0))
+    cup = Surface(whole.vertices, whole.faces[(whole.corners[:, :, 2] < 83.0).all(axis=1)])
+    near = moved(ball, (20.0 - 0.002 * ball.mean_edge, 0.0, 0.0))
+    mouth = sphere(3, 6.0, (0.0, 0.0, 84.0))
+    bodies = {"one": ball, "two": near, "cup": cup, "mouth": mouth}
+    result = remove_overclosure(
+        [Body(name, mesh) for name, mesh in bodies.items()], OverclosureSettings(gap=GAP)
+    )
+    assert {finding.names: finding.clear for finding in result.after} == {
+        ("one", "two"): True,
+        ("cup", "mouth"): False,
+    }
+    (reason,) = result.reasons
+    assert "'cup' is open and its normals say" in reason
+
+
 def test_lobes_that_cross_stay_outward():
     lobes = sphere(2), moved(sphere(2), (10.0, 3.0, 0.0))
     faces = np.concatenate((lobes[0].faces, lobes[1].faces + len(lobes[0].vertices)))
