@@ -12,7 +12,7 @@ from .mesh import Float, Surface
 
 
 class Boxes:
-    """Axis-aligned bounding boxes of surfaces, as they are now."""
+    """Axis-aligned bounding boxes of surfaces, as they are when this is made."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         corners = [surface.bounds for surface in surfaces]

@@ -119,24 +119,6 @@ def test_an_open_surface_is_told_and_parted():
     assert any("open" in note for note in result.notes)
 
 
-@pytest.mark.parametrize("rigid", ["ball", "cup", ""])
-def test_a_body_in_the_mouth_of_an_open_one_is_left_alone_and_the_others_are_parted(rigid):
-    """The normals of a bone without its end say that its neighbour is inside: it was pushed out."""
-    ball, whole = sphere(3, 6.0, (0.0, 0.0, 4.0)), sphere()
-    cup = Surface(whole.vertices, whole.faces[(whole.corners[:, :, 2] < 3.0).all(axis=1)])
-    named = {"ball": ball, "cup": cup, "upper": moved(sphere(3, 6.0), (0.0, 1.0, 15.5))}
-    bodies = [Body(name, mesh, 0.0 if name == rigid else None) for name, mesh in named.items()]
-    result = remove_overclosure(bodies)
-    assert not result.certified
-    (reason,) = result.reasons
-    assert "'cup' is open and its normals say" in reason and "close its holes" in reason
-    states = {finding.names: finding.state for finding in result.after}
-    assert states["ball", "upper"] == "clear" and states["ball", "cup"] == "overlap"
-    assert not result.bodies[1].moved and np.abs(result.bodies[0].movement.maximum) < 1.0
-    apart = remove_overclosure(bodies, exclude=[("ball", "cup")])
-    assert apart.certified and np.array_equal(apart.bodies[2].nodes, result.bodies[2].nodes)
-
-
 def test_a_body_that_crosses_itself_near_contact_is_told():
     blob = sphere(), moved(sphere(), (2.0, 9.0, 1.0))  # one mesh of two spheres that cross each other
     faces = np.concatenate((blob[0].faces, blob[1].faces + len(blob[0].vertices)))
@@ -268,30 +250,6 @@ def test_what_is_stuck_with_little_left_is_shaken_and_tried_again(monkeypatch, r
         assert 0.0 < np.abs(shake).max() <= removal.SHAKEN[0] * edge
     assert two.any() != rigid
     assert not one[ball.vertices[:, 0] < 10.0 - 2.0 * edge].any()  # far from the other nothing moves
-
-
-def test_a_pair_that_is_left_alone_keeps_no_other_from_being_shaken(monkeypatch):
-    plain = removal.METHODS["grnn"]
-
-    def stuck_unless_shaken(efforts, solids, *args):
-        shaken = any((solid.points != solid.rest).any() for solid in solids)
-        return plain(efforts, solids, *args) if shaken else "no headway"
-
-    monkeypatch.setitem(removal.METHODS, "grnn", stuck_unless_shaken)
-    ball, whole = sphere(3, 10.0), sphere(3, 10.0, (0.0, 0.0, 80.0))
-    cup = Surface(whole.vertices, whole.faces[(whole.corners[:, :, 2] < 83.0).all(axis=1)])
-    near = moved(ball, (20.0 - 0.002 * ball.mean_edge, 0.0, 0.0))
-    mouth = sphere(3, 6.0, (0.0, 0.0, 84.0))
-    bodies = {"one": ball, "two": near, "cup": cup, "mouth": mouth}
-    result = remove_overclosure(
-        [Body(name, mesh) for name, mesh in bodies.items()], OverclosureSettings(gap=GAP)
-    )
-    assert {finding.names: finding.clear for finding in result.after} == {
-        ("one", "two"): True,
-        ("cup", "mouth"): False,
-    }
-    (reason,) = result.reasons
-    assert "'cup' is open and its normals say" in reason
 
 
 def test_lobes_that_cross_stay_outward():
