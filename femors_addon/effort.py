@@ -92,6 +92,11 @@ class Effort:
         """Whether nothing is left to do, as far as is known."""
         return self.phase != PARTING and self.worst <= 0 and not self.pierced
 
+    def forget(self) -> None:
+        """Measure everything anew the next time, even where nothing moved: what was known was wrong."""
+        self.pair.forget()
+        self._clear_at = (-1, -1)
+
     def _begin_parting(self, stuck: bool) -> bool:
         apart = way_apart(self.pair, stuck)
         if apart is None:

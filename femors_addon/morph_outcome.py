@@ -154,6 +154,7 @@ def result_of(
     converged, reason = verdict(
         outcome.to_target, back.distance, residual, settings, target.diagonal, edge, weights is not None
     )
+    faults = _folded(outcome.bad)
     hints = part_of_whole(outcome.source.surface, morphed, target, settings.partial, converged)
     progress(1.0, "done")
     return MorphResult(
@@ -165,7 +166,8 @@ def result_of(
         history=tuple(history),
         converged=converged,
         stop_reason=reason,
-        warnings=(*warnings, *_warnings(settings, target.diagonal, outcome.bad, crossed), *hints),
+        warnings=(*warnings, *_warnings(settings, target.diagonal), *(faults or _ran_into(crossed)), *hints),
+        faults=faults,
         before=before,
         after=after,
         surface_distance=distance,
@@ -236,23 +238,20 @@ def _with_strays(whole: Cleaned, comparison: Comparison, vertices: Float) -> Com
     )
 
 
-def _warnings(settings: MorphSettings, size: float, bad: int, crossed: int) -> list[str]:
-    """Return what is to be said of the result."""
-    out = []
-    if settings.spread_start > LARGE_SPREAD * size:
-        words = f"the first spread, {settings.spread_start:g}, is large beside the target's size, {size:.3g}"
-        out.append(f"{words}: lengths of the preset are in mm")
-    if bad:
-        out.append(
-            counted(
-                bad,
-                "face folds over or crosses others, though it did not in the source",
-                "faces fold over or cross others, though they did not in the source",
-            )
-        )
-    elif crossed > 0:
-        out.append(
-            f"{counted(crossed, 'more face crosses', 'more faces cross')} others: "
-            "pieces that were carried along run into the rest"
-        )
-    return out
+def _warnings(settings: MorphSettings, size: float) -> list[str]:
+    """Return what is to be said of the settings, the target being known."""
+    if settings.spread_start <= LARGE_SPREAD * size:
+        return []
+    words = f"the first spread, {settings.spread_start:g}, is large beside the target's size, {size:.3g}"
+    return [f"{words}: lengths of the preset are in mm"]
+
+
+def _folded(bad: int) -> tuple[str, ...]:
+    one = "face folds over or crosses others, though it did not in the source"
+    many = "faces fold over or cross others, though they did not in the source"
+    return (counted(bad, one, many),) if bad else ()
+
+
+def _ran_into(crossed: int) -> tuple[str, ...]:
+    more = counted(crossed, "more face crosses", "more faces cross")
+    return (f"{more} others: pieces that were carried along run into the rest",) if crossed > 0 else ()

@@ -80,6 +80,8 @@ class MorphResult:
         CPU time of the whole.
     steering : Steering, optional
         What became of paired landmarks.
+    faults : tuple of str
+        Of the warnings, those for which a result is not to be trusted blindly.
     """
 
     vertices: Float
@@ -98,6 +100,7 @@ class MorphResult:
     settings: MorphSettings
     seconds: float
     steering: Steering | None = None
+    faults: tuple[str, ...] = ()
 
     def apply(self, points: ArrayLike) -> Float:
         """Carry points (k, 3) of the source's space along; see `carry.Carrier.carry`.

@@ -22,7 +22,8 @@ from .overclosure_check import Finding, PairGaps, asked_gaps, find
 from .overclosure_result import OverclosureResult, notes_of
 from .overclosure_settings import OverclosureSettings
 from .progress import Progress, part, silent
-from .removal import Removal, band_of, nodes_of, solids_of
+from .removal import Removal
+from .removal_input import band_of, nodes_of, solids_of
 
 __all__ = ["Body", "OverclosureResult", "OverclosureSettings", "check_overclosure", "remove_overclosure"]
 

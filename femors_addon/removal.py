@@ -11,69 +11,33 @@ from typing import Any
 
 import numpy as np
 
-from . import settings as declared
-from .bodies import Body, Solid, shares
+from .bodies import Body
 from .boxes import Boxes
-from .cleaning import distinct_nodes
 from .contact import Pair
 from .crew import together
 from .effort import Effort
 from .findings import OVERLAP
-from .limits import require_nodes
-from .mesh import Surface
-from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find, same_surface
+from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find
 from .overclosure_methods import nodal, published
 from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError, Progress, part
+from .removal_input import band_of, solids_of
 from .removal_loop import loop
 from .separation import runs_through, thickness
 
 STRIDE = 0.35  # of the thinnest body, where there are more than two: how far one step may go
 STRIDES = 30  # steps that the deepest pair may take to its end, at least as long as it needs for that
 GAINED = 0.4  # of depth or crossings at the start: a state that is not clear and has more is not worth having
-MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
 WIDEST = 0.2
 """Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
 THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
-SIGHT = 4.0  # of the largest depth, and the band: pairs farther apart are left until they have come near
-TRIES = 3  # certificates that may fail before the loop gives up
+SIGHT = 4.0  # of what the largest gap lacks, and the band: farther pairs are left until they come near
+TRIES = 3  # certificates that fail with no new pair found, until the loop gives up
 SHAKEN = (1e-3, 1e-5)  # mean edges: how far nodes are moved at random where a pair is stuck
 UNTOLD = 0.1  # of the smaller body's size: a depth by the normals of an open body alone that is not believed
 NEARLY = 0.01  # mean edges: what is left at most, for it is little that shaking helps with
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
-
-
-def nodes_of(bodies: Sequence[Body]) -> int:
-    """Return how many nodes bodies have in all, each counted once where triangles are not merged."""
-    return sum(distinct_nodes(b.mesh) if isinstance(b.mesh, Surface) else len(b.nodes) for b in bodies)
-
-
-def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Solid]:
-    """Return the bodies at work; refuse what cannot be worked with."""
-    declared.check(settings)
-    require_nodes(nodes_of(bodies), f"overclosure of {len(bodies)} bodies", MEMORY_LEAST, MEMORY_NODE)
-    if len(bodies) < 2:
-        raise FemorsError(f"{len(bodies)} body given; overclosure needs at least two")
-    names = [body.name for body in bodies]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise FemorsError(f"two bodies are named '{twice}'; each needs a name of its own")
-    solids = together(
-        [partial(Solid, body, share) for body, share in zip(bodies, shares(list(bodies)), strict=True)]
-    )
-    for i, one in enumerate(solids):
-        for two in solids[:i]:
-            if same_surface(one, two):
-                raise FemorsError(
-                    f"'{two.name}' and '{one.name}' are copies of one surface in one place: leave one out"
-                )
-    return solids
-
-
-def band_of(solids: Sequence[Solid], settings: OverclosureSettings) -> float:
-    """Return how far apart pairs are listed: as set, or the median of the bodies' mean edges."""
-    return settings.band or float(np.median([solid.surface.mean_edge for solid in solids]))
 
 
 class Removal:
@@ -213,8 +177,7 @@ class Removal:
 
         Others may push these together.
         """
-        deepest = max((finding.depth for finding in self.before), default=0.0)
-        near = band_of(self.solids, self._settings) + SIGHT * deepest
+        near = band_of(self.solids, self._settings) + SIGHT * self._farthest()
         apart = self._boxes.apart(list(self._asked))
         alone = self._alone()
         return [
@@ -230,7 +193,8 @@ class Removal:
         settings = self._settings
         if settings.method != "grnn":
             settings = dataclasses.replace(settings, continuation=False)
-        deepest = max((finding.depth for finding in self.before), default=0.0)
+        farthest = self._farthest()
+        self._boxes = Boxes([solid.surface for solid in self.solids])  # as the bodies stand now
         jobs = []
         for i, j in pairs:
             one, two = self.solids[i], self.solids[j]
@@ -239,7 +203,7 @@ class Removal:
             pair = Pair(one, two, self._asked[i, j])
             for side in pair.sides:
                 side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
-            stride = self._stride((i, j), deepest)
+            stride = self._stride((i, j), farthest)
             jobs.append(partial(Effort, pair, settings, margin, stride, pair.names in stuck))
         return together(jobs)
 
@@ -255,19 +219,25 @@ class Removal:
         doubtful = all(finding.clear or finding.names in self.through for finding in self.before)
         if doubtful and ours:
             settings = dataclasses.replace(settings, iterations=min(settings.iterations, THROUGH))
-        for number in range(TRIES if ours else 1):
-            share = part(progress, 0.9 * number / TRIES, 0.9)
+        failures = 0
+        for number in itertools.count():
+            share = part(progress, 0.9 * (1.0 - 0.5**number), 0.9)
             stop = METHODS[settings.method](efforts, self.solids, settings, history, share, self._preview)
             progress(0.9, "overclosure: certificate")
             for effort in efforts:
                 effort.pair.rest()
             after = self._find(part(progress, 0.9, 1.0))
             left = self._left(after)
-            if stop or not left:
+            if stop or not left or not ours:
+                break
+            unknown = self._unknown(left, efforts)
+            failures += not unknown  # there are so many pairs and no more: that has an end
+            if failures == TRIES:
+                stop = f"the certificate failed {TRIES} times"
                 break
             for effort in efforts:
-                effort.pair.forget()
-            efforts += self._begun(self._unknown(left, efforts), {})
+                effort.forget()
+            efforts += self._begun(unknown, {})
         if stop and ours and (doubtful or not _better(self._left(after), self._left(self.before))):
             for solid in self.solids:
                 solid.put(solid.rest)
@@ -276,15 +246,19 @@ class Removal:
 
     def _unknown(self, found: Sequence[Finding], efforts: Sequence[Effort]) -> list[tuple[int, int]]:
         """Return the pairs found that nothing has been done about yet."""
-        known = {effort.pair.names for effort in efforts}
+        known = self._numbers(effort.pair.names for effort in efforts)
+        return [pair for pair in self._numbers(f.names for f in found) if pair not in known]
+
+    def _numbers(self, names: Iterable[tuple[str, str]]) -> list[tuple[int, int]]:
         number = {solid.name: number for number, solid in enumerate(self.solids)}
-        return [(number[f.one], number[f.two]) for f in found if f.names not in known]
+        return [(number[one], number[two]) for one, two in names]
 
     def _again(self, progress: Progress) -> None:
         """Begin anew with the pairs that are stuck, held apart or shaken; what ends no better is dropped."""
         through = {effort.pair.names for effort in self.efforts if effort.through}
         left = [finding for finding in self._left(self.after) if finding.names not in through]
         stuck = {finding.names for finding in left}
+        known = set(self._numbers(effort.pair.names for effort in self.efforts))
         edge = min(solid.surface.mean_edge for solid in self.solids)
         little = max((finding.depth for finding in left), default=np.inf) < NEARLY * edge
         here = [(solid.points, solid.held) for solid in self.solids]
@@ -294,7 +268,7 @@ class Removal:
                 solid.held = set()
             if shaken:
                 self._shake(stuck, shaken)
-            again = self._begun(self._in_sight(), {}, () if shaken else stuck)
+            again = self._begun(sorted(known.union(self._in_sight())), {}, () if shaken else stuck)
             if not shaken and not any(effort.through and effort.pair.names in stuck for effort in again):
                 continue
             steps: list[Step] = []  # the history is that of the state that is returned
@@ -323,15 +297,19 @@ class Removal:
                 points[near] += random.uniform(-edges * edge, edges * edge, (int(near.sum()), 3))
                 solid.put(points)
 
-    def _stride(self, pair: tuple[int, int], deepest: float) -> float:
+    def _farthest(self) -> float:
+        """Return by how much the gap is missed at most: how far a pair may have to go."""
+        return max((finding.gap - finding.least for finding in self.before if not finding.clear), default=0.0)
+
+    def _stride(self, pair: tuple[int, int], farthest: float) -> float:
         """Return how far one step of a pair may go, so that no third body near it is passed through."""
         thinnest = np.inf
         for mine in pair:
             apart = self._boxes.apart([(mine, number) for number in range(len(self.solids))])
-            for number in np.flatnonzero(apart <= 2.0 * deepest).tolist():
+            for number in np.flatnonzero(apart <= 2.0 * farthest).tolist():
                 if number not in pair and (min(number, mine), max(number, mine)) in self._asked:
                     thinnest = min(thinnest, *(thickness(self.solids[n].surface) for n in (*pair, number)))
-        return max(STRIDE * thinnest, deepest / STRIDES)
+        return max(STRIDE * thinnest, farthest / STRIDES)
 
 
 def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from solids import hexes, moved, sphere
@@ -10,6 +12,7 @@ from solids import hexes, moved, sphere
 from femors_addon import overclosure_check, removal
 from femors_addon.bodies import Body
 from femors_addon.boxes import Boxes
+from femors_addon.findings import NEAR
 from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureSettings, check_overclosure, remove_overclosure
 
@@ -69,3 +72,51 @@ def test_a_pair_that_comes_near_on_the_way_is_parted_too(order, monkeypatch):
     result = remove_overclosure(bodies, settings)
     assert begun == [{"ball", "plate"}, {"plate", "below"}], "the second when it had come near"
     assert result.certified and all(finding.least >= 0.01 for finding in result.after)
+
+
+def test_a_wide_gap_pushes_nobody_through_a_thin_third():
+    """No depth, but a gap of three thicknesses: the plate went through its neighbour, and was certified."""
+
+    def plate(x: float) -> Surface:
+        return hexes((2, 8, 8), (0.4, 8.0, 8.0), centre=(x, 0.0, 0.0)).surface()[0]
+
+    bodies = [Body("wall", plate(0.0), 0.0), Body("first", plate(0.6)), Body("second", plate(1.5))]
+    settings = OverclosureSettings(gap=0.02, band=0.05)
+    result = remove_overclosure(bodies, settings, gaps={("wall", "first"): 1.2})
+    assert result.certified
+    wall, first, second = (body.nodes[:, 0].mean() for body in result.bodies)
+    assert wall < first < second
+
+
+def test_a_chain_of_bodies_out_of_sight_is_followed_to_its_end(monkeypatch):
+    """Each comes near only when the one before it has moved: more rounds than certificates may fail."""
+
+    def box(x: float) -> Surface:
+        return hexes((3, 4, 4), (1.0, 4.0, 4.0), centre=(x, 0.0, 0.0)).surface()[0]
+
+    monkeypatch.setattr(removal, "SIGHT", 0.0)
+    begun, effort = [], removal.Effort
+    monkeypatch.setattr(removal, "Effort", lambda *of: begun.append(of[0].names) or effort(*of))
+    bodies = [Body(f"box{number}", box(1.04 * number), 10.0 ** (number - 6)) for number in range(7)]
+    bodies[0] = Body("box0", box(0.44), 0.0)
+    assert remove_overclosure(bodies, OverclosureSettings(gap=0.01, band=0.02)).certified
+    assert begun == [(f"box{number}", f"box{number + 1}") for number in range(6)]
+
+
+def test_a_certificate_that_fails_makes_the_loop_look_again(monkeypatch):
+    """Where nothing moved since, the loop went by what it remembered, and could not but fail again."""
+    looked, look = [], removal.Pair.look
+    monkeypatch.setattr(removal.Pair, "look", lambda *of: looked.append(of[0].names) or look(*of))
+    found, certificates = overclosure_check.find, []
+
+    def doubted(*args, **kwargs):
+        findings = found(*args, **kwargs)
+        if looked:
+            certificates.append(len(looked))
+            if len(certificates) == 1:
+                return [dataclasses.replace(f, state=NEAR) for f in findings]
+        return findings
+
+    monkeypatch.setattr(removal, "find", doubted)
+    result = remove_overclosure(row(0.0, 9.5), OverclosureSettings(gap=0.01, band=0.1))
+    assert result.certified and len(certificates) == 2 and certificates[1] > certificates[0]

@@ -199,10 +199,11 @@ def test_a_program_interrupted_while_it_reads_its_modules_says_so_in_one_line():
         ({"converged": False, "stop_reason": "not converged: too far"}, "not converged: too far"),
         ({"flipped": 3}, "3 faces of the result are flipped"),
         ({"self_intersecting": 2}, "2 faces of the result cross"),
+        ({"faults": ("2 faces fold over",)}, "2 faces fold over"),
     ],
 )
 def test_an_imperfect_result_is_written_and_said(pair, tmp_path, capsys, monkeypatch, morphed, change, words):
-    whole = {key: change[key] for key in change if key in ("converged", "stop_reason")}
+    whole = {key: change[key] for key in change if key in ("converged", "stop_reason", "faults")}
     counted = {key: change[key] for key in change if key not in whole}
     imperfect = dataclasses.replace(morphed, **whole, after=dataclasses.replace(morphed.after, **counted))
     monkeypatch.setattr(cli_morph, "morph", lambda *args, **kwargs: imperfect)

@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from morphs import GOAL, SMALL, finite, subjects
+from solids import hexes, moved
 from surfaces import cut, soup, together
 
-from femors_addon import shapes
+from femors_addon import cli_morph, shapes
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import MorphResult, MorphSettings, morph
 from femors_addon.progress import FemorsError
@@ -179,3 +180,14 @@ def test_bad_meshes_are_told_in_one_line(kind, side):
 def test_settings_outside_their_limits_are_told(change):
     with pytest.raises(FemorsError):
         morph(SMALL, GOAL, MorphSettings(**change))
+
+
+def test_new_folds_are_a_fault_also_where_the_source_crosses_itself_more():
+    """Two balls through each other, laid onto a plate: fewer faces cross than before, but others."""
+    ball, plate = shapes.sphere(3, radius=10.0), hexes((12, 12, 2), (16.0, 16.0, 1.0)).surface()[0]
+    two = together(ball, moved(ball, (7.0, 0.0, 0.0)))
+    result = morph(two, plate, MorphSettings(alignment="none"))
+    assert 0 < result.after.self_intersecting < result.before.self_intersecting and result.converged
+    (fault,) = result.faults
+    assert "did not in the source" in fault and result.warnings.count(fault) == 1
+    assert fault in cli_morph._faults(result, two)
