@@ -159,10 +159,13 @@ def result_of(
             progress(number / len(jobs), f"figures of {name}")
             measured.append(next(figures))
     notes, *bodies = measured
+    contained = {finding.names: finding for finding in before if finding.state == CONTAINED}
     reasons = [
         _untold(finding, untold[finding.names])
         if finding.names in untold
-        else _reason(finding, solids, after, stop, through.get(finding.names, ""))
+        else _reason(
+            contained.get(finding.names, finding), solids, after, stop, through.get(finding.names, "")
+        )
         + ("" if finding.names in through else _sheets(finding, solids))
         for finding in after
         if not finding.clear

@@ -15,8 +15,12 @@ echo "installing $requirements into $folder"
 "$python" -m venv "$new/venv"
 "$new/venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-input -r "$requirements"
 touch "$new/venv/.made"
-# what stands there without the mark was begun before this script; it is moved out of the way, then removed
-[ -e "$folder/.made" ] || mv "$folder" "$new/old" 2>/dev/null || true
-# rename, and not mv, which would move it into the folder of a run that was faster
-"$new/venv/bin/python" -c 'import os, sys; os.rename(*sys.argv[1:])' "$new/venv" "$folder" 2>/dev/null ||
-  [ -e "$folder/.made" ]
+for turn in 1 2 3 4 5 6 7 8 9; do
+  # rename, and not mv, which would move it into the folder of a run that was faster
+  "$new/venv/bin/python" -c 'import os, sys; os.rename(*sys.argv[1:])' "$new/venv" "$folder" 2>/dev/null && exit 0
+  [ ! -e "$folder/.made" ] || exit 0
+  # what stands there without the mark was begun before this script; it is moved out of the way, then removed.
+  # Should a faster run have put a whole one there just now, ours takes its place the next turn
+  mv "$folder" "$new/old$turn" 2>/dev/null || true
+done
+exit 1

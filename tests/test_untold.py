@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from solids import moved, sphere
+from solids import hexes, moved, sphere
 from spheres import GAP
 
 from femors_addon import removal
@@ -54,3 +54,13 @@ def test_a_pair_that_is_left_alone_keeps_no_other_from_being_shaken(monkeypatch)
     }
     (reason,) = result.reasons
     assert "'cup' is open and its normals say" in reason
+
+
+def test_a_contained_body_that_others_push_into_crossing_is_still_told_as_contained():
+    plate = hexes((2, 6, 6), (0.6, 2.0, 2.0), centre=(9.5, 0.0, 0.0)).surface()[0]
+    shell, pusher = sphere(3, 10.0), sphere(3, 1.5, (8.25, 0.0, 0.0))
+    bodies = [Body("shell", shell, 0.0), Body("kernel", plate, 1.0), Body("pusher", pusher, 0.0)]
+    result = remove_overclosure(bodies, exclude=[("shell", "pusher")])
+    (finding,) = [finding for finding in result.after if not finding.clear]
+    assert finding.state == "overlap" and finding.crossings
+    assert len(result.reasons) == 1 and "a piece of 'kernel' lies inside the other" in result.reasons[0]
