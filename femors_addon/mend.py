@@ -24,7 +24,7 @@ from .patches import Hanging, Part, evened, patch
 from .progress import Progress, silent
 from .progress import part as section
 from .quality import aspect_ratio, flipped_faces
-from .stepback import BACK, ROUNDS, step_back
+from .stepback import BACK, ROUNDS, hopeless, step_back
 
 PATCHES = (1, 2, 3, 4, 6)  # edges around a bad face, one attempt after the other
 LARGEST = 0.06  # of the nodes: a patch may have so many, or a process could be smoothed away
@@ -90,13 +90,14 @@ def mended(
     begun = judge.state(positions[part.nodes], np.searchsorted(part.faces, wanting))
     unseen = len(np.setdiff1d(known, part.faces[begun.worst]))  # a component inside out, all of it
     state = spread_out(judge, begun, target, settings, CLOSE, section(progress, 0.0, 0.3))
-    if len(state.worst):
+    lost = hopeless(begun, state)  # then the last resort alone: the others take as long, and help as little
+    if len(state.worst) and not lost:
         loose = spread_out(judge, begun, target, settings, 0.0, section(progress, 0.3, 0.6))
         if len(loose.worst) < len(state.worst):
             state = loose
     out = part.carried(positions, state.positions)
     farther = max(far, min(FARTHER * moved.mean_edge, LOSS * target.surface.diagonal))
-    for limit, stage in ((far, (0.6, 0.8)), (farther, (0.8, 1.0))):
+    for limit, stage in ((far, (0.6, 0.8)), (farther, (0.8, 1.0)))[lost:]:
         if not len(state.worst):  # else fit is given up where it takes that
             break
         worst = part.faces[state.worst]
