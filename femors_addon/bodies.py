@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triples
-from .cleaning import clean
+from .cleaning import clean, distinct_nodes
 from .cutouts import normals_at
 from .mesh import Float, Int, Surface
 from .nearest import Closest
@@ -122,6 +122,14 @@ class Solid:
         self._surface: Surface | None = self._topology
         self._moved: Float | None = None
         self._longest: float | None = None
+
+    @property
+    def once(self) -> Int:
+        """The nodes (k,), each once where triangles are not merged, as in an STL file."""
+        mesh = self.body.mesh
+        if isinstance(mesh, Surface) and distinct_nodes(mesh) < len(mesh.vertices):
+            return np.unique(self._owner, return_index=True)[1].astype(np.int32)
+        return np.arange(len(self.body.nodes), dtype=np.int32)
 
     @property
     def surface(self) -> Surface:

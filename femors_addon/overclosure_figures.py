@@ -42,8 +42,8 @@ class BodyResult:
         At its new positions; the very object that was given where nothing moved.
     nodes : (n, 3) float64
         Positions, in the body's own order; what did not move has the very bits that were given.
-    moved : int
-        Nodes that moved.
+    count, moved : int
+        Nodes, and those that moved; at one place counted once where triangles are not merged (STL).
     movement : Stat
         Distances that those moved, in the unit of the coordinates.
     aspect, dihedral : (Stat, Stat)
@@ -73,6 +73,7 @@ class BodyResult:
     share: float
     mesh: Surface | VolumeMesh
     nodes: Float
+    count: int
     moved: int
     movement: Stat
     aspect: tuple[Stat, Stat]
@@ -107,7 +108,7 @@ class BodyResult:
             "name": self.name,
             "share": self.share,
             "rigid": self.share == 0.0,
-            "nodes": len(self.nodes),
+            "nodes": self.count,
             "nodes_moved": self.moved,
             "movement": self.movement.as_dict(),
             **pairs,
@@ -124,7 +125,7 @@ class BodyResult:
     def __str__(self) -> str:
         if not self.moved:
             return f"{self.name}: {'rigid' if self.share == 0 else 'not moved'}"
-        words = [f"{self.moved} of {len(self.nodes)} nodes moved by up to {self.movement.maximum:.4g}"]
+        words = [f"{self.moved} of {self.count} nodes moved by up to {self.movement.maximum:.4g}"]
         if self.xor is not None:
             words.append(f"XOR {100 * self.xor:.3g} %")
         if self.settled is not None:
@@ -143,8 +144,8 @@ class BodyResult:
 # --- made from the bodies at work -----------------------------------------------------------------------
 def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
     """Return the figures of a body, from where it began to where it is."""
-    old, nodes = solid.begun_surface.bare(), solid.nodes
-    distance = np.linalg.norm(nodes - solid.body.nodes, axis=1)
+    old, nodes, once = solid.begun_surface.bare(), solid.nodes, solid.once
+    distance = np.linalg.norm((nodes - solid.body.nodes)[once], axis=1)
     moved = distance > 0
     same = not moved.any()
     _ = old.edge_faces  # known to both
@@ -168,6 +169,7 @@ def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
         share=solid.share,
         mesh=solid.result,
         nodes=nodes,
+        count=len(once),
         moved=int(moved.sum()),
         movement=Stat.of(distance[moved]),
         aspect=(aspect, aspect_now),

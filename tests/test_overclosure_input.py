@@ -41,6 +41,9 @@ def test_unmerged_triangles_stay_together():
     assert np.array_equal(result.bodies[0].nodes, result.bodies[0].nodes[first][at])
     plain = remove_overclosure([good, other])
     assert np.abs(result.bodies[0].nodes - plain.bodies[0].nodes[at]).max() < 0.02
+    one, merged = (found.bodies[0] for found in (result, plain))
+    assert one.count == merged.count == len(good.mesh.vertices), "corners at one place are one node"
+    assert one.moved == pytest.approx(merged.moved, rel=0.05) and one.report()["nodes"] == one.count
 
 
 def test_a_sheet_below_a_surface_is_told_what_it_lacks():
