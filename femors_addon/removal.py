@@ -70,7 +70,6 @@ class Removal:
         self._settings, self._preview = settings, preview
         self.solids = solids_of(bodies, settings)
         self._asked = asked_gaps(self.solids, settings.gap, exclude, gaps)
-        self._boxes = Boxes([solid.surface for solid in self.solids])
         self.before: list[Finding] = []
         self.after: list[Finding] = []
         self.efforts: list[Effort] = []
@@ -178,7 +177,7 @@ class Removal:
         Others may push these together.
         """
         near = band_of(self.solids, self._settings) + SIGHT * self._farthest()
-        apart = self._boxes.apart(list(self._asked))
+        apart = self._boxes().apart(list(self._asked))
         alone = self._alone()
         return [
             (i, j)
@@ -193,8 +192,7 @@ class Removal:
         settings = self._settings
         if settings.method != "grnn":
             settings = dataclasses.replace(settings, continuation=False)
-        farthest = self._farthest()
-        self._boxes = Boxes([solid.surface for solid in self.solids])  # as the bodies stand now
+        farthest, boxes = self._farthest(), self._boxes()
         jobs = []
         for i, j in pairs:
             one, two = self.solids[i], self.solids[j]
@@ -203,7 +201,7 @@ class Removal:
             pair = Pair(one, two, self._asked[i, j])
             for side in pair.sides:
                 side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
-            stride = self._stride((i, j), farthest)
+            stride = self._stride((i, j), farthest, boxes)
             jobs.append(partial(Effort, pair, settings, margin, stride, pair.names in stuck))
         return together(jobs)
 
@@ -297,15 +295,19 @@ class Removal:
                 points[near] += random.uniform(-edges * edge, edges * edge, (int(near.sum()), 3))
                 solid.put(points)
 
+    def _boxes(self) -> Boxes:
+        """Boxes around the bodies as they stand."""
+        return Boxes([solid.surface for solid in self.solids])
+
     def _farthest(self) -> float:
         """Return by how much the gap is missed at most: how far a pair may have to go."""
         return max((finding.gap - finding.least for finding in self.before if not finding.clear), default=0.0)
 
-    def _stride(self, pair: tuple[int, int], farthest: float) -> float:
+    def _stride(self, pair: tuple[int, int], farthest: float, boxes: Boxes) -> float:
         """Return how far one step of a pair may go, so that no third body near it is passed through."""
         thinnest = np.inf
         for mine in pair:
-            apart = self._boxes.apart([(mine, number) for number in range(len(self.solids))])
+            apart = boxes.apart([(mine, number) for number in range(len(self.solids))])
             for number in np.flatnonzero(apart <= 2.0 * farthest).tolist():
                 if number not in pair and (min(number, mine), max(number, mine)) in self._asked:
                     thinnest = min(thinnest, *(thickness(self.solids[n].surface) for n in (*pair, number)))
