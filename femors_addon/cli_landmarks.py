@@ -149,11 +149,11 @@ def _predicted(
     moved = transfer.points(marks.points, part(progress, 0.9, 1.0))
     prediction = landmarks.predicted(carrier, marks.labels, marks.points, moved.points, moved.projected)
     notes = [*result.warnings, *landmarks.far_ones(marks.labels, moved.distance, carrier.size)]
-    faults = list(moved.faults)
+    faults = [*moved.faults, *result.faults]
     if result.steering is not None:
-        notes = [note for note in notes if note not in result.steering.faults]
         notes.append(result.steering.sentence())
         faults += result.steering.faults
+    notes = [note for note in notes if note not in faults]
     faults += [] if result.converged else [result.stop_reason]
     fit = result.after.target_to_surface.as_dict()
     return _Found(prediction, notes, faults, result.stop_reason, fit, carrier.size)

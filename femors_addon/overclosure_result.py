@@ -51,7 +51,7 @@ class OverclosureResult:
     before, after : tuple of Finding
         Pairs that overlapped or were close; the second is the certificate's own measure.
     certified : bool
-        Whether every pair is clear and no element was inverted.
+        Whether every pair is clear, none went through each other, and no element was inverted.
     reasons : tuple of str
         Why it is not certified, pair by pair; empty where it is.
     history : tuple of Step
@@ -147,6 +147,7 @@ def result_of(
     stop: str,
     through: Mapping[tuple[str, str], str],
     untold: Mapping[tuple[str, str], str],
+    passed: Sequence[Finding],
     progress: Progress,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is ""; the rest as in `Removal`."""
@@ -170,6 +171,7 @@ def result_of(
         for finding in after
         if not finding.clear
     ]
+    reasons += [_through(finding) for finding in passed]
     reasons += [
         f"'{body.name}': {counted(len(body.inverted_new), 'element')} inverted (first: "
         f"{int(body.inverted_new[0])})"
@@ -235,6 +237,15 @@ def _untold(finding: Finding, name: str) -> str:
         f"'{finding.one}' and '{finding.two}' at ({place}): '{name}' is open and its normals say "
         f"{finding.depth:.4g} deep, where nothing crossed: left alone; close its holes (Fill Holes in "
         "Blender) or exclude the pair"
+    )
+
+
+def _through(finding: Finding) -> str:
+    """Say that a pair is clear on the wrong sides; the finding is of its way."""
+    place = ", ".join(f"{x:.4g}" for x in finding.where)
+    return (
+        f"'{finding.one}' and '{finding.two}' at ({place}): one went through the other, {finding.depth:.4g} "
+        "deep on the way: there is too little room; widen the gap in steps, or let others give way"
     )
 
 

@@ -53,6 +53,18 @@ def part(progress: Progress, start: float, stop: float) -> Progress:
     return lambda fraction, text: progress(start + (stop - start) * fraction, text)
 
 
+def rising(progress: Progress) -> Progress:
+    """Report no less than before: rounds of a task begin anew, and nobody knows how many there will be."""
+    most = 0.0
+
+    def told(fraction: float, text: str) -> None:
+        nonlocal most
+        most = max(most, fraction)
+        progress(most, text)
+
+    return told
+
+
 def repeating(progress: Progress, fraction: float, text: str) -> Progress:
     """Report the same from all of a sub-task: it may be cancelled, and its parts mean nothing to a user."""
     return lambda _fraction, _text: progress(fraction, text)

@@ -21,7 +21,8 @@ from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps,
 from .overclosure_methods import nodal, published
 from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
-from .progress import FemorsError, Progress, part
+from .passing import passed
+from .progress import FemorsError, Progress, part, rising
 from .removal_input import band_of, solids_of
 from .removal_loop import loop
 from .separation import runs_through, thickness
@@ -57,6 +58,8 @@ class Removal:
         Overlapping pairs where a sheet runs right through a body: which of the two is the sheet.
     untold : dict of names of a pair to str
         Pairs that are left alone, for it cannot be told what is inside: which of the two is open.
+    passed : list of Finding
+        Pairs that are clear, but went through each other: the deepest state on their way.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Removal:
         self.stop = ""
         self.through: dict[tuple[str, str], str] = {}
         self.untold: dict[tuple[str, str], str] = {}
+        self.passed: list[Finding] = []
 
     def run(self, progress: Progress) -> None:
         """Do what has to be done.
@@ -102,6 +106,7 @@ class Removal:
         self.stop, self.after = self._removed(self.efforts, self.history, part(progress, 0.1, 0.95))
         if self._settings.method == "grnn" and self._left(self.after):
             self._again(part(progress, 0.95, 0.97))
+        self.passed = self._passed(part(progress, 0.97, 1.0))
 
     def result(self, progress: Progress) -> OverclosureResult:
         """Measure the bodies and put the result together."""
@@ -115,6 +120,7 @@ class Removal:
             self.stop,
             self.through,
             self.untold,
+            self.passed,
             progress,
         )
 
@@ -176,7 +182,7 @@ class Removal:
 
         Others may push these together.
         """
-        near = band_of(self.solids, self._settings) + SIGHT * self._farthest()
+        near = band_of(self.solids, self._settings) + SIGHT * _farthest(self._left(self.before))
         apart = self._boxes().apart(list(self._asked))
         alone = self._alone()
         return [
@@ -192,7 +198,7 @@ class Removal:
         settings = self._settings
         if settings.method != "grnn":
             settings = dataclasses.replace(settings, continuation=False)
-        farthest, boxes = self._farthest(), self._boxes()
+        left, boxes = self._left(self.before), self._boxes()
         jobs = []
         for i, j in pairs:
             one, two = self.solids[i], self.solids[j]
@@ -201,7 +207,7 @@ class Removal:
             pair = Pair(one, two, self._asked[i, j])
             for side in pair.sides:
                 side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
-            stride = self._stride((i, j), farthest, boxes)
+            stride = self._stride((i, j), left, boxes)
             jobs.append(partial(Effort, pair, settings, margin, stride, pair.names in stuck))
         return together(jobs)
 
@@ -217,9 +223,9 @@ class Removal:
         doubtful = all(finding.clear or finding.names in self.through for finding in self.before)
         if doubtful and ours:
             settings = dataclasses.replace(settings, iterations=min(settings.iterations, THROUGH))
-        failures = 0
-        for number in itertools.count():
-            share = part(progress, 0.9 * (1.0 - 0.5**number), 0.9)
+        failures, progress = 0, rising(progress)
+        while True:
+            share = part(progress, 0.0, 0.9)
             stop = METHODS[settings.method](efforts, self.solids, settings, history, share, self._preview)
             progress(0.9, "overclosure: certificate")
             for effort in efforts:
@@ -278,6 +284,16 @@ class Removal:
             solid.put(points)
             solid.held = held
 
+    def _passed(self, progress: Progress) -> list[Finding]:
+        """Return what went through each other: no certificate of the end alone can tell."""
+        deep = {
+            finding.names for finding in (*self.before, *self.after) if finding.state in (OVERLAP, CONTAINED)
+        }
+        names = [solid.name for solid in self.solids]
+        return passed(
+            self.solids, [(i, j) for i, j in self._asked if (names[i], names[j]) not in deep], progress
+        )
+
     def _shake(self, stuck: Container[tuple[str, str]], edges: float) -> None:
         """Move nodes by up to so many mean edges where stuck pairs overlap: one plane leads nowhere."""
         random = np.random.default_rng(0)
@@ -299,19 +315,23 @@ class Removal:
         """Boxes around the bodies as they stand."""
         return Boxes([solid.surface for solid in self.solids])
 
-    def _farthest(self) -> float:
-        """Return by how much the gap is missed at most: how far a pair may have to go."""
-        return max((finding.gap - finding.least for finding in self.before if not finding.clear), default=0.0)
-
-    def _stride(self, pair: tuple[int, int], farthest: float, boxes: Boxes) -> float:
+    def _stride(self, pair: tuple[int, int], left: Sequence[Finding], boxes: Boxes) -> float:
         """Return how far one step of a pair may go, so that no third body near it is passed through."""
-        thinnest = np.inf
+        thinnest, farthest = np.inf, _farthest(left)
+        near = {self.solids[number].name for number in pair}
         for mine in pair:
             apart = boxes.apart([(mine, number) for number in range(len(self.solids))])
             for number in np.flatnonzero(apart <= 2.0 * farthest).tolist():
                 if number not in pair and (min(number, mine), max(number, mine)) in self._asked:
                     thinnest = min(thinnest, *(thickness(self.solids[n].surface) for n in (*pair, number)))
-        return max(STRIDE * thinnest, farthest / STRIDES)
+                    near.add(self.solids[number].name)
+        here = _farthest([finding for finding in left if near.intersection(finding.names)])
+        return max(STRIDE * thinnest, here / STRIDES)
+
+
+def _farthest(found: Sequence[Finding]) -> float:
+    """By how much the gap is missed at most: how far a pair may have to go."""
+    return max((finding.gap - finding.least for finding in found), default=0.0)
 
 
 def _better(after: Sequence[Finding], before: Sequence[Finding]) -> bool:

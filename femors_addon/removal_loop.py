@@ -41,11 +41,11 @@ def loop(
         begun = [solid.points for solid in solids]
         missing, pierced, spread = _sweep(efforts)
         deepest = max(deepest, missing)
-        history.append(Step(number + 1, missing, pierced, spread))
+        history.append(Step(len(history) + 1, missing, pierced, spread))
         done = 1.0 - math.log1p(1e4 * missing / deepest) / math.log1p(1e4) if deepest else 1.0
         clearing = all(effort.phase == CLEARING for effort in efforts)
         left = counted(pierced, "edge crossing", "edges crossing") if clearing or not missing else "shaping"
-        text = f"overclosure, iteration {number + 1}, depth {missing:.3g}, {left}"
+        text = f"overclosure, iteration {len(history)}, depth {missing:.3g}, {left}"
         share = min(0.99, max(share, done, number / settings.iterations))  # pairs push each other back in
         progress(share, text)
         if preview is not None:

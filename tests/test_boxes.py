@@ -10,8 +10,10 @@ import pytest
 from solids import hexes, moved, sphere
 
 from femors_addon import overclosure_check, removal
-from femors_addon.bodies import Body
+from femors_addon.bodies import Body, Solid
 from femors_addon.boxes import Boxes
+from femors_addon.contact import Pair
+from femors_addon.effort import Effort
 from femors_addon.findings import NEAR
 from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureSettings, check_overclosure, remove_overclosure
@@ -74,20 +76,6 @@ def test_a_pair_that_comes_near_on_the_way_is_parted_too(order, monkeypatch):
     assert result.certified and all(finding.least >= 0.01 for finding in result.after)
 
 
-def test_a_wide_gap_pushes_nobody_through_a_thin_third():
-    """No depth, but a gap of three thicknesses: the plate went through its neighbour, and was certified."""
-
-    def plate(x: float) -> Surface:
-        return hexes((2, 8, 8), (0.4, 8.0, 8.0), centre=(x, 0.0, 0.0)).surface()[0]
-
-    bodies = [Body("wall", plate(0.0), 0.0), Body("first", plate(0.6)), Body("second", plate(1.5))]
-    settings = OverclosureSettings(gap=0.02, band=0.05)
-    result = remove_overclosure(bodies, settings, gaps={("wall", "first"): 1.2})
-    assert result.certified
-    wall, first, second = (body.nodes[:, 0].mean() for body in result.bodies)
-    assert wall < first < second
-
-
 def test_a_chain_of_bodies_out_of_sight_is_followed_to_its_end(monkeypatch):
     """Each comes near only when the one before it has moved: more rounds than certificates may fail."""
 
@@ -99,8 +87,13 @@ def test_a_chain_of_bodies_out_of_sight_is_followed_to_its_end(monkeypatch):
     monkeypatch.setattr(removal, "Effort", lambda *of: begun.append(of[0].names) or effort(*of))
     bodies = [Body(f"box{number}", box(1.04 * number), 10.0 ** (number - 6)) for number in range(7)]
     bodies[0] = Body("box0", box(0.44), 0.0)
-    assert remove_overclosure(bodies, OverclosureSettings(gap=0.01, band=0.02)).certified
+    told: list[float] = []
+    settings = OverclosureSettings(gap=0.01, band=0.02)
+    result = remove_overclosure(bodies, settings, lambda fraction, _: told.append(fraction))
+    assert result.certified
     assert begun == [(f"box{number}", f"box{number + 1}") for number in range(6)]
+    assert told == sorted(told), "a bar never falls"
+    assert [step.number for step in result.history] == list(range(1, len(result.history) + 1))
 
 
 def test_a_certificate_that_fails_makes_the_loop_look_again(monkeypatch):
@@ -120,3 +113,22 @@ def test_a_certificate_that_fails_makes_the_loop_look_again(monkeypatch):
     monkeypatch.setattr(removal, "find", doubted)
     result = remove_overclosure(row(0.0, 9.5), OverclosureSettings(gap=0.01, band=0.1))
     assert result.certified and len(certificates) == 2 and certificates[1] > certificates[0]
+
+
+def test_a_certificate_that_fails_again_and_again_ends_the_loop(monkeypatch):
+    found = overclosure_check.find
+    monkeypatch.setattr(
+        removal, "find", lambda *of, **by: [dataclasses.replace(f, state=NEAR) for f in found(*of, **by)]
+    )
+    result = remove_overclosure(row(0.0, 9.5), OverclosureSettings(gap=0.01, band=0.1))
+    assert not result.certified
+    assert f"the certificate failed {removal.TRIES} times" in result.reasons[0]
+
+
+def test_what_is_forgotten_is_measured_anew():
+    one, two = (Solid(body, 0.5) for body in row(0.0, 10.2))
+    effort = Effort(Pair(one, two, 0.01), OverclosureSettings(gap=0.01), 0.0)
+    assert effort.field() is None and effort.done
+    assert all(np.isfinite(side.bound).any() for side in effort.pair.sides)
+    effort.forget()
+    assert all(np.isneginf(side.bound).all() for side in effort.pair.sides)

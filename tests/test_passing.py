@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who is clear in the end, but went through another on the way, is found out; and nobody else is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from solids import hexes, sphere
+
+from femors_addon import passing
+from femors_addon.bodies import Body, Solid
+from femors_addon.mesh import Surface
+from femors_addon.overclosure import OverclosureResult, OverclosureSettings, remove_overclosure
+from femors_addon.passing import passed
+from femors_addon.progress import silent
+
+
+def plate(x: float) -> Surface:
+    return hexes((2, 8, 8), (0.4, 8.0, 8.0), centre=(x, 0.0, 0.0)).surface()[0]
+
+
+def pushed(gap: float, *others: Body, share: float | None = None) -> OverclosureResult:
+    """A rigid wall pushes a plate by a gap, beside which stands a second plate."""
+    bodies = [Body("wall", plate(0.0), 0.0), Body("first", plate(0.6)), Body("second", plate(1.5), share)]
+    settings = OverclosureSettings(gap=0.02, band=0.05)
+    return remove_overclosure([*bodies, *others], settings, gaps={("wall", "first"): gap})
+
+
+def in_order(result: OverclosureResult) -> bool:
+    wall, first, second = (float(body.nodes[:, 0].mean()) for body in result.bodies[:3])
+    return wall < first < second
+
+
+@pytest.mark.parametrize("gap", [1.2, 1.4, 1.6])
+def test_a_wide_gap_pushes_nobody_through_a_thin_third(gap):
+    """No depth, but a gap of three thicknesses: the plate went through its neighbour, and was certified."""
+    result = pushed(gap)
+    assert result.certified and in_order(result)
+
+
+def test_what_is_deep_elsewhere_makes_no_step_longer():
+    far = [Body(f"far{n}", sphere(2, 40.0, (0.0, 300.0 + 35.0 * n, 0.0))) for n in range(2)]
+    result = pushed(1.2, *far)
+    assert result.certified and in_order(result)
+
+
+@pytest.mark.parametrize(("gap", "share"), [(1.2, 0.0), (2.0, None), (2.2, None)])
+def test_who_went_through_another_is_told_and_not_certified(gap, share):
+    """A rigid plate in the way, or a gap of five thicknesses."""
+    result = pushed(gap, share=share)
+    assert not in_order(result), "else the case shows nothing"
+    assert all(finding.clear for finding in result.after) and not result.certified
+    assert (
+        "'first' and 'second' at" in result.reasons[0] and "one went through the other" in result.reasons[0]
+    )
+
+
+@pytest.fixture
+def two():
+    """A ball above a plate that is thin beside it."""
+    thin = hexes((16, 16, 2), (30.0, 30.0, 1.0)).surface()[0]
+    return [Solid(Body("ball", sphere(3, 5.0, (0.0, 0.0, 6.0))), 0.5), Solid(Body("plate", thin), 0.5)]
+
+
+@pytest.mark.parametrize(
+    ("by", "through"),
+    [
+        ((0, 0, -12), True),
+        ((3, 2, -11.5), True),
+        ((9, 0, 0), False),
+        ((9, 4, 0.3), False),
+        ((0, 0, 7), False),
+    ],
+)
+def test_the_way_between_two_clear_ends_tells(two, by, through):
+    two[0].put(two[0].points + np.array(by))
+    found = passed(two, [(0, 1)], silent)
+    assert [finding.names for finding in found] == ([("ball", "plate")] if through else [])
+    two[0].put(two[0].points - np.array(by))  # it is the same whose way it was
+    two[1].put(two[1].points - np.array(by))
+    assert len(passed(two, [(0, 1)], silent)) == through
+
+
+def test_a_pair_that_has_hardly_moved_is_not_looked_at(two, monkeypatch):
+    monkeypatch.setattr(passing, "measure", lambda *_, **__: pytest.fail("it was looked at"))
+    assert passed(two, [(0, 1)], silent) == []
+    two[0].put(two[0].points - [0.0, 0.0, 0.4])
+    assert passed(two, [(0, 1)], silent) == []
+
+
+def test_the_bodies_stay_where_they_are(two):
+    two[0].put(two[0].points - [0.0, 0.0, 12.0])
+    before = [solid.points.copy() for solid in two]
+    assert passed(two, [(0, 1)], silent)
+    assert all(np.array_equal(solid.points, points) for solid, points in zip(two, before, strict=True))
