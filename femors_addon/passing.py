@@ -30,6 +30,8 @@ DEEP = 0.1  # of it: what is deeper on the way, and was not at its ends, has pas
 def passed(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]], progress: Progress) -> list[Finding]:
     """Return the deepest state on the way of each pair that went through each other.
 
+    Of open bodies nothing tells what is inside on the way.
+
     Parameters
     ----------
     pairs : iterable of (int, int)
@@ -40,16 +42,19 @@ def passed(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]], progress: 
     found = []
     for i, j in pairs:
         apart = np.maximum(boxes[i][0], boxes[j][0]) - np.minimum(boxes[i][1], boxes[j][1])
-        if way[i] + way[j] == 0.0 or (apart > 0).any():
+        if way[i] + way[j] == 0.0 or (apart > 0).any() or solids[i].open_edges or solids[j].open_edges:
             continue
         thin = min(thickness(solids[n].begun_surface) for n in (i, j))
-        if way[i] + way[j] <= FAR * thin:
+        if not 0.0 < FAR * thin < way[i] + way[j]:
             continue
-        progress(0.5, f"the way of {solids[i].name} and {solids[j].name}")
-        steps = min(MOST, math.ceil((way[i] + way[j]) / max(STEP * thin, 1e-300)))
-        states = [_state(solids[i], solids[j], number / steps) for number in range(1, steps)]
-        deepest = max((s for s in states if s is not None), key=lambda s: s.depth, default=None)
-        if deepest is not None and deepest.depth > DEEP * thin:
+        steps = min(MOST, math.ceil((way[i] + way[j]) / (STEP * thin)))
+        deepest: Finding | None = None
+        for number in range(1, steps):
+            progress(number / steps, f"the way of {solids[i].name} and {solids[j].name}")
+            state = _state(solids[i], solids[j], number / steps)
+            if state is not None and state.depth > (DEEP * thin if deepest is None else deepest.depth):
+                deepest = state
+        if deepest is not None:
             found.append(deepest)
     return found
 

@@ -93,6 +93,7 @@ class Removal:
             From `progress`.
         """
         bounds: Bounds = {}
+        progress = rising(progress)
         self.before = self.after = self._find(part(progress, 0.0, 0.1), bounds)
         overlap = any(not finding.clear for finding in self.before)
         if overlap and all(solid.share == 0 for solid in self.solids):
@@ -223,7 +224,7 @@ class Removal:
         doubtful = all(finding.clear or finding.names in self.through for finding in self.before)
         if doubtful and ours:
             settings = dataclasses.replace(settings, iterations=min(settings.iterations, THROUGH))
-        failures, progress = 0, rising(progress)
+        failures = 0
         while True:
             share = part(progress, 0.0, 0.9)
             stop = METHODS[settings.method](efforts, self.solids, settings, history, share, self._preview)

@@ -12,7 +12,7 @@ from femors_addon.bodies import Body, Solid
 from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureResult, OverclosureSettings, remove_overclosure
 from femors_addon.passing import passed
-from femors_addon.progress import silent
+from femors_addon.progress import Cancelled, silent
 
 
 def plate(x: float) -> Surface:
@@ -86,6 +86,23 @@ def test_a_pair_that_has_hardly_moved_is_not_looked_at(two, monkeypatch):
     assert passed(two, [(0, 1)], silent) == []
     two[0].put(two[0].points - [0.0, 0.0, 0.4])
     assert passed(two, [(0, 1)], silent) == []
+
+
+def test_of_open_bodies_nothing_is_told(two):
+    ball = sphere(3, 5.0, (0.0, 0.0, 6.0))
+    cup = Surface(ball.vertices, ball.faces[(ball.corners[:, :, 2] < 9.0).all(axis=1)])
+    solids = [Solid(Body("cup", cup), 0.5), two[1]]
+    solids[0].put(solids[0].points - [0.0, 0.0, 12.0])
+    assert passed(solids, [(0, 1)], silent) == []
+
+
+def test_the_look_at_the_way_can_be_cancelled(two):
+    def cancel(fraction, text):
+        raise Cancelled
+
+    two[0].put(two[0].points - [0.0, 0.0, 12.0])
+    with pytest.raises(Cancelled):
+        passed(two, [(0, 1)], cancel)
 
 
 def test_the_bodies_stay_where_they_are(two):
