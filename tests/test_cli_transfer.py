@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from commands import run
 from fieldcases import BONE, CARRIER, TARGET, field, site, slab
 
-from femors_addon import deckfiles, keptfield, landmarkfiles, meshfiles, shapes
+from femors_addon import cli_landmarks, deckfiles, keptfield, landmarkfiles, meshfiles, shapes
 from femors_addon.mesh import Surface
 from femors_addon.meshfiles import MeshFile
 from femors_addon.nearest import SurfaceIndex
@@ -309,6 +310,19 @@ def test_known_landmarks_steer(subjects, tmp_path, capsys):
     assert run(capsys, "landmarks", *args, "--known", tmp_path / "known.csv", "--steer", "--quiet")[0] == 0
     got = landmarkfiles.read(tmp_path / "out.csv").points
     assert np.linalg.norm(got - truth, axis=1).max() < 1.5
+
+
+def test_landmarks_of_a_morph_that_folds_are_written_and_said(subjects, tmp_path, capsys, monkeypatch):
+    folder, _ = subjects
+    plain, fault = cli_landmarks.morph, "2 faces fold over, though they did not in the source"
+
+    def folding(*args, **kwargs):
+        return dataclasses.replace(plain(*args, **kwargs), faults=(fault,), warnings=(fault,))
+
+    monkeypatch.setattr(cli_landmarks, "morph", folding)
+    args = [folder / "one.ply", folder / "target.ply", folder / "one.csv", "-o", tmp_path / "out.csv"]
+    code, _, err = run(capsys, "landmarks", *args)
+    assert code == 1 and err.count(fault) == 1 and (tmp_path / "out.csv").exists()
 
 
 @pytest.mark.parametrize(
