@@ -18,6 +18,7 @@ from .findings import CONTAINED, NEAR, Finding
 from .intersect import crossings
 from .overclosure_figures import BodyResult, figures_of, losses_of
 from .overclosure_settings import OverclosureSettings
+from .passing import Passing
 from .progress import Progress, counted
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ def result_of(
     stop: str,
     through: Mapping[tuple[str, str], str],
     untold: Mapping[tuple[str, str], str],
-    passed: Sequence[Finding],
+    passed: Sequence[Passing],
     progress: Progress,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is ""; the rest as in `Removal`."""
@@ -240,8 +241,8 @@ def _untold(finding: Finding, name: str) -> str:
     )
 
 
-def _through(finding: Finding) -> str:
-    """Say that a pair is clear on the wrong sides; the finding is of its way."""
+def _through(finding: Passing) -> str:
+    """Say that a pair is clear on the wrong sides."""
     place = ", ".join(f"{x:.4g}" for x in finding.where)
     return (
         f"'{finding.one}' and '{finding.two}' at ({place}): one went through the other, {finding.depth:.4g} "

@@ -8,6 +8,7 @@ the straight way from where it began to where it is.
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 
@@ -15,19 +16,37 @@ import numpy as np
 
 from . import triples
 from .bodies import Solid
-from .distances import Target
-from .findings import Finding
+from .distances import Target, distances
 from .mesh import Float
-from .pair_check import measure
 from .progress import Progress
 from .separation import thickness
 
 FAR = 0.5  # of the thinner body's thickness: who has moved less, both together, cannot have passed
 STEP, MOST = 0.15, 60  # of that thickness: one step of the way; and steps, at most
-DEEP = 0.1  # of it: what is deeper on the way, and was not at its ends, has passed through
+DEEP = 0.1  # of it: what is deeper on the way, and overlaps at neither end, has passed through
 
 
-def passed(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]], progress: Progress) -> list[Finding]:
+@dataclasses.dataclass(frozen=True)
+class Passing:
+    """Two bodies on their way through each other.
+
+    Attributes
+    ----------
+    one, two : str
+        Names of the bodies.
+    depth : float
+        How deep a node of one is inside the other.
+    where : tuple of float
+        That node's place.
+    """
+
+    one: str
+    two: str
+    depth: float
+    where: tuple[float, float, float]
+
+
+def passed(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]], progress: Progress) -> list[Passing]:
     """Return the deepest state on the way of each pair that went through each other.
 
     Of open bodies nothing tells what is inside on the way.
@@ -35,38 +54,68 @@ def passed(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]], progress: 
     Parameters
     ----------
     pairs : iterable of (int, int)
-        Those that overlap neither at the start nor at the end, by the numbers of the solids.
+        Those that overlap neither at the start nor in the end, by the numbers of the solids. Of those that
+        overlap at the start, the right way out may be the deeper one.
     """
-    boxes = [triples.box(np.concatenate((s.begun_surface.vertices, s.vertices))) for s in solids]
-    way = [float(triples.length(solid.displacement).max(initial=0.0)) for solid in solids]
+    ways = [_Way.of(solid) for solid in solids]
     found = []
     for i, j in pairs:
-        apart = np.maximum(boxes[i][0], boxes[j][0]) - np.minimum(boxes[i][1], boxes[j][1])
-        if way[i] + way[j] == 0.0 or (apart > 0).any() or solids[i].open_edges or solids[j].open_edges:
+        one, two = solids[i], solids[j]
+        far = ways[i].farthest(ways[j]) + ways[j].farthest(ways[i])
+        if far == 0.0 or one.open_edges or two.open_edges:
             continue
-        thin = min(thickness(solids[n].begun_surface) for n in (i, j))
-        if not 0.0 < FAR * thin < way[i] + way[j]:
+        thin = min(thickness(solid.begun_surface) for solid in (one, two))
+        if not 0.0 < FAR * thin < far:
             continue
-        steps = min(MOST, math.ceil((way[i] + way[j]) / (STEP * thin)))
-        deepest: Finding | None = None
+        steps = min(MOST, math.ceil(far / (STEP * thin)))
+        deepest = Passing(one.name, two.name, DEEP * thin, (0.0, 0.0, 0.0))
+        through = False
         for number in range(1, steps):
-            progress(number / steps, f"the way of {solids[i].name} and {solids[j].name}")
-            state = _state(solids[i], solids[j], number / steps)
-            if state is not None and state.depth > (DEEP * thin if deepest is None else deepest.depth):
-                deepest = state
-        if deepest is not None:
+            progress(number / steps, f"the way of {one.name} and {two.name}")
+            state = _deepest(one, two, number / steps)
+            if state.depth > deepest.depth:
+                deepest, through = state, True
+        if through:
             found.append(deepest)
     return found
 
 
-def _state(one: Solid, two: Solid, share: float) -> Finding | None:
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Way:
+    """How far the vertices (n,) of a body went, and boxes (n, 3) around the way of each, and of all."""
+
+    length: Float
+    low: Float
+    high: Float
+    bounds: tuple[Float, Float]
+
+    @classmethod
+    def of(cls, solid: Solid) -> _Way:
+        start, end = solid.begun_surface.vertices, solid.vertices
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        return cls(triples.length(end - start), low, high, (low.min(axis=0), high.max(axis=0)))
+
+    def farthest(self, other: _Way) -> float:
+        """The longest way of a vertex that comes into the box of all ways of another body."""
+        if (self.bounds[0] > other.bounds[1]).any() or (self.bounds[1] < other.bounds[0]).any():
+            return 0.0
+        near = triples.every((self.low <= other.bounds[1]) & (self.high >= other.bounds[0]))
+        return float(self.length[near].max(initial=0.0))
+
+
+def _deepest(one: Solid, two: Solid, share: float) -> Passing:
     """Measure a pair at a share of its way."""
-    here, there = (Target(_on_its_way(solid, share)) for solid in (one, two))
-    return measure(here, there, 0.0, 0.0, volumes=False)
+    targets = [Target(_on_its_way(solid, share)) for solid in (one, two)]
+    depth, where = 0.0, np.zeros(3)
+    for own, other in (targets, targets[::-1]):
+        inside = distances(own.surface, other, 0.0)
+        if len(inside.rows) and -inside.signed.min() > depth:
+            depth = -float(inside.signed.min())
+            where = own.surface.vertices[inside.rows[np.argmin(inside.signed)]]
+    return Passing(one.name, two.name, depth, (float(where[0]), float(where[1]), float(where[2])))
 
 
 def _on_its_way(solid: Solid, share: float) -> Solid:
-    there: Float = solid.rest + share * (solid.points - solid.rest)
     out = copy.copy(solid)
-    out.put(there)
+    out.put(solid.rest + share * (solid.points - solid.rest))
     return out

@@ -21,7 +21,7 @@ from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps,
 from .overclosure_methods import nodal, published
 from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
-from .passing import passed
+from .passing import Passing, passed
 from .progress import FemorsError, Progress, part, rising
 from .removal_input import band_of, solids_of
 from .removal_loop import loop
@@ -58,7 +58,7 @@ class Removal:
         Overlapping pairs where a sheet runs right through a body: which of the two is the sheet.
     untold : dict of names of a pair to str
         Pairs that are left alone, for it cannot be told what is inside: which of the two is open.
-    passed : list of Finding
+    passed : list of Passing
         Pairs that are clear, but went through each other: the deepest state on their way.
     """
 
@@ -80,7 +80,7 @@ class Removal:
         self.stop = ""
         self.through: dict[tuple[str, str], str] = {}
         self.untold: dict[tuple[str, str], str] = {}
-        self.passed: list[Finding] = []
+        self.passed: list[Passing] = []
 
     def run(self, progress: Progress) -> None:
         """Do what has to be done.
@@ -285,15 +285,12 @@ class Removal:
             solid.put(points)
             solid.held = held
 
-    def _passed(self, progress: Progress) -> list[Finding]:
+    def _passed(self, progress: Progress) -> list[Passing]:
         """Return what went through each other: no certificate of the end alone can tell."""
-        deep = {
-            finding.names for finding in (*self.before, *self.after) if finding.state in (OVERLAP, CONTAINED)
-        }
-        names = [solid.name for solid in self.solids]
-        return passed(
-            self.solids, [(i, j) for i, j in self._asked if (names[i], names[j]) not in deep], progress
-        )
+        deep = {finding.names for finding in self.before if finding.state in (OVERLAP, CONTAINED)}
+        beside = deep | {finding.names for finding in self.after if not finding.clear}
+        of = [solid.name for solid in self.solids]
+        return passed(self.solids, [(i, j) for i, j in self._asked if (of[i], of[j]) not in beside], progress)
 
     def _shake(self, stuck: Container[tuple[str, str]], edges: float) -> None:
         """Move nodes by up to so many mean edges where stuck pairs overlap: one plane leads nowhere."""

@@ -75,14 +75,14 @@ def two():
 def test_the_way_between_two_clear_ends_tells(two, by, through):
     two[0].put(two[0].points + np.array(by))
     found = passed(two, [(0, 1)], silent)
-    assert [finding.names for finding in found] == ([("ball", "plate")] if through else [])
+    assert [(finding.one, finding.two) for finding in found] == ([("ball", "plate")] if through else [])
     two[0].put(two[0].points - np.array(by))  # it is the same whose way it was
     two[1].put(two[1].points - np.array(by))
     assert len(passed(two, [(0, 1)], silent)) == through
 
 
 def test_a_pair_that_has_hardly_moved_is_not_looked_at(two, monkeypatch):
-    monkeypatch.setattr(passing, "measure", lambda *_, **__: pytest.fail("it was looked at"))
+    monkeypatch.setattr(passing, "distances", lambda *_, **__: pytest.fail("it was looked at"))
     assert passed(two, [(0, 1)], silent) == []
     two[0].put(two[0].points - [0.0, 0.0, 0.4])
     assert passed(two, [(0, 1)], silent) == []
