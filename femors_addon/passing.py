@@ -11,6 +11,7 @@ import copy
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from operator import attrgetter
 
 import numpy as np
 
@@ -68,14 +69,12 @@ def passed(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]], progress: 
         if not 0.0 < FAR * thin < far:
             continue
         steps = min(MOST, math.ceil(far / (STEP * thin)))
-        deepest = Passing(one.name, two.name, DEEP * thin, (0.0, 0.0, 0.0))
-        through = False
+        states = []
         for number in range(1, steps):
             progress(number / steps, f"the way of {one.name} and {two.name}")
-            state = _deepest(one, two, number / steps)
-            if state.depth > deepest.depth:
-                deepest, through = state, True
-        if through:
+            states.append(_deepest(one, two, number / steps))
+        deepest = max(states, key=attrgetter("depth"))
+        if deepest.depth > DEEP * thin:
             found.append(deepest)
     return found
 

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from foldcases import pulled, whole
 
 from femors_addon import faults, mend, stepback
 from femors_addon import morph as morphing
@@ -20,24 +21,9 @@ from femors_addon.shapes import sphere
 from femors_addon.stepback import step_back
 
 
-def whole(surface: Surface) -> Part:
-    """All of a surface as the part that may move."""
-    faces, nodes = np.arange(len(surface.faces)), np.ones(len(surface.vertices), bool)
-    return Part.around(faces, surface, nodes, REACH, FARTHEST * surface.mean_edge)
-
-
 @pytest.fixture
 def ball():
     return sphere(3)
-
-
-def _pulled(ball, share=1.9):
-    """A displacement that pulls one node over the far side of a neighbour, along the sphere."""
-    node = 200
-    other = ball.adjacency[node].indices[0]
-    displacement = np.zeros_like(ball.vertices)
-    displacement[node] = share * (ball.vertices[other] - ball.vertices[node])
-    return node, displacement
 
 
 def test_nothing_is_done_where_nothing_is_bad(ball):
@@ -47,7 +33,7 @@ def test_nothing_is_done_where_nothing_is_bad(ball):
 
 
 def test_a_folded_face_is_laid_out_on_the_target(ball):
-    node, displacement = _pulled(ball)
+    node, displacement = pulled(ball)
     assert len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
     after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings())
     moved = ball.moved(ball.vertices + after)
@@ -60,7 +46,7 @@ def test_a_folded_face_is_laid_out_on_the_target(ball):
 
 
 def test_a_squeezed_face_gets_its_room_back(ball):
-    _, displacement = _pulled(ball, 0.98)
+    _, displacement = pulled(ball, 0.98)
     assert not len(flipped_faces(ball, ball.moved(ball.vertices + displacement)))
     after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings())
     assert left == 0
@@ -69,14 +55,14 @@ def test_a_squeezed_face_gets_its_room_back(ball):
 
 
 def test_where_nodes_are_not_to_lie_on_the_target_nothing_is_laid_on_it(ball):
-    _, displacement = _pulled(ball)
+    _, displacement = pulled(ball)
     off = MorphSettings(projection=0.0)
     after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, off, left=range(5))
     assert after is displacement and left == 5
 
 
 def test_mending_can_be_cancelled(ball):
-    _, displacement = _pulled(ball)
+    _, displacement = pulled(ball)
 
     def cancel(fraction, text):
         raise Cancelled
@@ -129,7 +115,7 @@ def test_faces_at_nodes_are_those_of_a_search(ball):
 
 def _looked_at(monkeypatch, ball):
     """How many faces are judged, and pairs of them tested, where a fold is mended by stepping back."""
-    _, displacement = _pulled(ball, 1.4)
+    _, displacement = pulled(ball, 1.4)
     judge = Judge(ball, Reference(ball), whole(ball))
     state = judge.state(ball.vertices + displacement, np.arange(len(ball.faces)))
     assert len(state.worst)
@@ -185,7 +171,7 @@ def test_a_part_of_a_large_mesh_is_mended_as_the_whole_is(monkeypatch):
 
 
 def test_nodes_that_may_not_move_stay(ball):
-    node, displacement = _pulled(ball, 1.3)
+    node, displacement = pulled(ball, 1.3)
     free = np.zeros(len(ball.vertices))
     free[node] = 1.0
     after, left = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), free, MorphSettings())
@@ -205,7 +191,7 @@ def test_nodes_that_may_not_move_stay(ball):
 
 
 def test_as_the_last_resort_nodes_go_farther(ball, monkeypatch):
-    _, displacement = _pulled(ball, 5.0)
+    _, displacement = pulled(ball, 5.0)
 
     def left():
         after, bad = mended(ball, Reference(ball), displacement, SurfaceIndex(ball), None, MorphSettings())

@@ -7,40 +7,24 @@ import dataclasses
 
 import numpy as np
 import pytest
+from foldcases import pulled, whole
 
 from femors_addon import stepback
 from femors_addon.faults import SQUEEZED, Judge
 from femors_addon.folds import Reference
 from femors_addon.intersect import self_intersections
-from femors_addon.mend import FARTHEST, REACH
-from femors_addon.mesh import Surface
+from femors_addon.mend import FARTHEST
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.patches import Part
 from femors_addon.progress import Cancelled
 from femors_addon.quality import flipped_faces
 from femors_addon.shapes import sphere
 from femors_addon.stepback import step_back
 
 
-def whole(surface: Surface) -> Part:
-    """All of a surface as the part that may move."""
-    faces, nodes = np.arange(len(surface.faces)), np.ones(len(surface.vertices), bool)
-    return Part.around(faces, surface, nodes, REACH, FARTHEST * surface.mean_edge)
-
-
 @pytest.fixture
 def ball():
     return sphere(3)
-
-
-def _pulled(ball, share=1.9):
-    """A displacement that pulls one node over the far side of a neighbour, along the sphere."""
-    node = 200
-    other = ball.adjacency[node].indices[0]
-    displacement = np.zeros_like(ball.vertices)
-    displacement[node] = share * (ball.vertices[other] - ball.vertices[node])
-    return node, displacement
 
 
 def _judged(ball, positions):
@@ -50,7 +34,7 @@ def _judged(ball, positions):
 
 
 def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
-    positions = ball.vertices + _pulled(ball, 1.4)[1]
+    positions = ball.vertices + pulled(ball, 1.4)[1]
     judge, state = _judged(ball, positions)
     assert len(state.worst)
     after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
@@ -63,7 +47,7 @@ def test_what_cannot_be_laid_out_steps_back_and_returns_as_far_as_it_may(ball):
 
 
 def test_patches_that_would_step_back_too_far_stay(ball):
-    judge, state = _judged(ball, ball.vertices + _pulled(ball, 6.0)[1])
+    judge, state = _judged(ball, ball.vertices + pulled(ball, 6.0)[1])
     after = step_back(judge, state, SurfaceIndex(ball), MorphSettings())
     np.testing.assert_array_equal(after.positions, state.positions)
     np.testing.assert_array_equal(after.bad, state.bad)
@@ -91,9 +75,9 @@ def test_a_face_on_its_back_is_turned_over_and_nothing_else_moves(ball):
 
 def test_a_squeezed_face_that_is_squeezed_more_is_worse_off(ball):
     """On the way back to the target, that is; `bad` alone does not tell."""
-    judge, state = _judged(ball, ball.vertices + _pulled(ball, 0.97)[1])
+    judge, state = _judged(ball, ball.vertices + pulled(ball, 0.97)[1])
     squeezed = np.flatnonzero(state.bad == SQUEEZED)
-    more = judge.after(state, ball.vertices + _pulled(ball, 0.98)[1])
+    more = judge.after(state, ball.vertices + pulled(ball, 0.98)[1])
     assert len(squeezed)
     np.testing.assert_array_equal(more.bad, state.bad)
     assert set(stepback._worse(state, more)) == set(squeezed)
@@ -125,7 +109,7 @@ def test_places_far_from_each_other_take_ways_of_their_own(ball, monkeypatch):
 
 def test_what_did_not_help_is_not_tried_again_where_nothing_has_moved(ball, monkeypatch):
     """One fold is mended, another is too far gone: in the second round nobody looks at it."""
-    positions = ball.vertices + _pulled(ball, 1.3)[1]
+    positions = ball.vertices + pulled(ball, 1.3)[1]
     far = int(np.argmin(ball.vertices @ ball.vertices[200]))
     positions[far] *= -1.0
     judge, state = _judged(ball, positions)
@@ -178,7 +162,7 @@ class _Stub:
 
 @pytest.mark.parametrize("word", ["stepping back", "returning"])
 def test_stepping_back_may_be_cancelled_between_its_ways(ball, word):
-    judge, state = _judged(ball, ball.vertices + _pulled(ball, 1.3)[1])
+    judge, state = _judged(ball, ball.vertices + pulled(ball, 1.3)[1])
     said: list[str] = []
 
     def cancelling(_fraction, text):
