@@ -251,19 +251,15 @@ class Removal:
 
     def _unknown(self, found: Sequence[Finding], efforts: Sequence[Effort]) -> list[tuple[int, int]]:
         """Return the pairs found that nothing has been done about yet."""
-        known = self._numbers(effort.pair.names for effort in efforts)
-        return [pair for pair in self._numbers(f.names for f in found) if pair not in known]
-
-    def _numbers(self, names: Iterable[tuple[str, str]]) -> list[tuple[int, int]]:
+        known = {effort.pair.names for effort in efforts}
         number = {solid.name: number for number, solid in enumerate(self.solids)}
-        return [(number[one], number[two]) for one, two in names]
+        return [(number[f.one], number[f.two]) for f in found if f.names not in known]
 
     def _again(self, progress: Progress) -> None:
         """Begin anew with the pairs that are stuck, held apart or shaken; what ends no better is dropped."""
         through = {effort.pair.names for effort in self.efforts if effort.through}
         left = [finding for finding in self._left(self.after) if finding.names not in through]
         stuck = {finding.names for finding in left}
-        known = set(self._numbers(effort.pair.names for effort in self.efforts))
         edge = min(solid.surface.mean_edge for solid in self.solids)
         little = max((finding.depth for finding in left), default=np.inf) < NEARLY * edge
         here = [(solid.points, solid.held) for solid in self.solids]
@@ -273,7 +269,7 @@ class Removal:
                 solid.held = set()
             if shaken:
                 self._shake(stuck, shaken)
-            again = self._begun(sorted(known.union(self._in_sight())), {}, () if shaken else stuck)
+            again = self._begun(self._in_sight(), {}, () if shaken else stuck)
             if not shaken and not any(effort.through and effort.pair.names in stuck for effort in again):
                 continue
             steps: list[Step] = []  # the history is that of the state that is returned

@@ -82,10 +82,24 @@ def test_the_way_between_two_clear_ends_tells(two, by, through):
 
 
 def test_a_pair_that_has_hardly_moved_is_not_looked_at(two, monkeypatch):
+    """Less than half the plate's thickness, though into it."""
+    ball = Solid(Body("ball", sphere(3, 5.0, (0.0, 0.0, 5.7))), 0.5)
     monkeypatch.setattr(passing, "distances", lambda *_, **__: pytest.fail("it was looked at"))
-    assert passed(two, [(0, 1)], silent) == []
-    two[0].put(two[0].points - [0.0, 0.0, 0.4])
-    assert passed(two, [(0, 1)], silent) == []
+    assert passed([ball, two[1]], [(0, 1)], silent) == []
+    ball.put(ball.points - [0.0, 0.0, 0.4])
+    assert passed([ball, two[1]], [(0, 1)], silent) == []
+    ball.put(ball.points - [0.0, 0.0, 0.2])
+    with pytest.raises(pytest.fail.Exception):
+        passed([ball, two[1]], [(0, 1)], silent)
+
+
+@pytest.mark.parametrize(("depth", "through"), [(0.05, False), (0.2, True)])
+def test_who_has_grazed_another_on_the_straight_way_did_not_go_through(two, depth, through):
+    """From one side of the plate to the other, over it: the way really taken may have been higher."""
+    ball = Solid(Body("ball", sphere(3, 5.0, (-22.0, 0.0, 5.5 - depth))), 0.5)
+    ball.put(ball.points + [44.0, 0.0, 0.0])
+    found = passed([ball, two[1]], [(0, 1)], silent)
+    assert len(found) == through
 
 
 def test_of_open_bodies_nothing_is_told(two):
