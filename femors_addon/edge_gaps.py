@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How near the edges of one surface come to those of another, where no vertex is nearer."""
+"""Edges of one surface against another: how near they come to it, and what it cuts out of them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 
 from . import triples
 from .balls import Index, searches
+from .intersect import piercings
 from .mesh import Float, Surface
 
 PARALLEL = 1e-12  # squared sine below which two edges count as parallel
@@ -28,6 +29,20 @@ def least_between(one: Surface, two: Surface, within: float) -> float:
         for e, f in search.candidates():
             least = min(least, _least(ours, theirs, e, f))
     return least
+
+
+def middles(one: Surface, two: Surface) -> Float:
+    """Return the middles (k, 3) of the pieces that the faces of `two` cut out of the edges of `one`.
+
+    A piece ends where its edge pierces a face; what lies beyond the first and the last is none.
+    """
+    found = piercings(one, two)
+    order = np.lexsort((found.t, found.edge))
+    edge, t = found.edge[order], found.t[order]
+    row = np.flatnonzero(edge[1:] == edge[:-1])
+    start, end = one.vertices[one.edges[edge[row]]].transpose(1, 0, 2)
+    middle: Float = start + 0.5 * (t[row] + t[row + 1])[:, None] * (end - start)
+    return middle
 
 
 def _least(ours: Surface, theirs: Surface, e: Index, f: Index) -> float:

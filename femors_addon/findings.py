@@ -39,6 +39,9 @@ class Finding:
         "clear", "too near", "overlap" or "contained".
     surfaces_apart : float or None
         Least distance of the two surfaces, also between edges: `least`, or less; None unless clear.
+    edge_depth : float
+        How deep edges are inside the other body that go in and out again, at the middle of what is inside;
+        measured where the state is "overlap". A coarse body may be deep in another with no node inside.
     """
 
     one: str
@@ -52,6 +55,7 @@ class Finding:
     shared: float | None
     state: str
     surfaces_apart: float | None = None
+    edge_depth: float = 0.0
 
     @property
     def names(self) -> tuple[str, str]:
@@ -64,9 +68,22 @@ class Finding:
         return max(0.0, -self.least)
 
     @property
+    def deepest(self) -> float:
+        """How deep one is inside the other at a node or on an edge, at least."""
+        return max(self.depth, self.edge_depth)
+
+    @property
     def edges_nearer(self) -> bool:
         """Whether edges are known to be nearer each other than any node is to the other surface."""
         return self.surfaces_apart is not None and self.surfaces_apart < (1.0 - ROUNDING) * self.least
+
+    @property
+    def deep(self) -> str:
+        """The depth in words; of edges too where they are deeper than any node."""
+        if self.edge_depth <= (1.0 + ROUNDING) * self.depth:
+            return f"{self.depth:.4g} deep"
+        nodes = f"{self.depth:.4g} deep at nodes, " if self.depth > 0 else ""
+        return f"{nodes}{self.edge_depth:.4g} {'' if nodes else 'deep '}on edges"
 
     @property
     def clear(self) -> bool:
@@ -82,8 +99,8 @@ class Finding:
             edges = f" at nodes, {self.surfaces_apart:.4g} between edges" if self.edges_nearer else ""
             return f"{self.one} - {self.two}: clear, {self.least:.4g} apart{edges}"
         words = [f"{counted(self.over[0] + self.over[1], 'node')} closer than {self.gap:g}"]
-        if self.depth > 0:
-            words.insert(0, f"{self.depth:.4g} deep")
+        if self.deepest > 0:
+            words.insert(0, self.deep)
         if self.crossings:
             words.append(counted(self.crossings, "crossing pair of triangles", "crossing pairs of triangles"))
         if self.shared:

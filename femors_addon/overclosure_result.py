@@ -205,8 +205,8 @@ def _reason(
         inner = f"a piece of '{finding.contained}' lies inside the other"
         return f"{where}: {inner}; move it out or exclude the pair"
     if one.share == two.share == 0:
-        return f"{where}: both are rigid and {finding.depth:.4g} deep; let one deform or exclude the pair"
-    left = f"{finding.depth:.4g} deep, {counted(finding.crossings, 'pair')} of triangles crossing"
+        return f"{where}: both are rigid and {finding.deep}; let one deform or exclude the pair"
+    left = f"{finding.deep}, {counted(finding.crossings, 'pair')} of triangles crossing"
     if finding.state == NEAR:
         left = f"{finding.least:.4g} apart where {finding.gap:g} is asked for"
     elif sheet:

@@ -15,7 +15,7 @@ from .booleans import shared_volume
 from .crew import together
 from .cutouts import Region
 from .distances import Target, distances
-from .edge_gaps import least_between
+from .edge_gaps import least_between, middles
 from .findings import CLEAR, CONTAINED, NEAR, OVERLAP, Finding
 from .intersect import crossings, piercings
 from .mesh import Float, Int, Surface, connected
@@ -135,6 +135,7 @@ def measure(
         shared=shared,
         state=state,
         surfaces_apart=apart,
+        edge_depth=_edge_depth(sides, cross) if state == OVERLAP else 0.0,
     )
 
 
@@ -158,6 +159,16 @@ def _place(sides: Sequence[_Side], cross: bool) -> Float:
         places = np.concatenate((piercings(c, d).points(c), piercings(d, c).points(d)))
         where = places[len(places) // 2] if len(places) else where
     return where
+
+
+def _edge_depth(sides: Sequence[_Side], cross: Int) -> float:
+    """Return how deep edges are inside the other body where they go in and out again, by their middles."""
+    one, two = (
+        Region.cut(side.near, np.unique(faces)).surface for side, faces in zip(sides, cross.T, strict=True)
+    )
+    places = middles(one, two), middles(two, one)
+    signed = [side.body.near(points) for side, points in zip(reversed(sides), places, strict=True)]
+    return max(0.0, -float(np.concatenate(signed).min(initial=0.0)))
 
 
 def _contained(sides: Sequence[_Side]) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from . import triples
 from .bodies import Solid
 from .cutouts import Region
 from .meeting import Pierced
-from .mesh import Float, Int
+from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 
 FACING = -0.2  # cosine between a node's own normal and its way out, above which it leaves by the wrong side
@@ -63,8 +64,7 @@ class Side:
         self.along = np.zeros(0)  # and where on them, from 0 to 1
         self.on_edges = _Gaps.none(0)
         self.shift = self.frame = np.zeros(3)
-        self._index: SurfaceIndex | None = None
-        self._region: Region | None = None
+        self._near: _Near | None = None  # the other's faces that were within reach of what was measured last
 
     def look(self, reach: float, least: float = np.inf) -> None:
         """Measure gaps as `Pair.look` does, this body being shifted."""
@@ -80,20 +80,21 @@ class Side:
         self.bound[rows[~near]] = far[~near]
         rows, points = rows[near], points[near]
         edges = self.between(self.body.vertices) + shift
-        self._index, self._region = None, None
+        self._near = None
         if not len(rows) and not len(edges):
             return
         lowest = float(self.bound[rows].min(initial=0.0))
         span = reach + max(0.0, -lowest)
         every = np.concatenate((points, edges))
-        low, high = triples.box(every)
-        self._region = Region.of(self.other.surface, low - span, high + span)
-        if not len(self._region.surface.faces):
+        self._near = _Near.of(self.other.surface, every, span)
+        if self._near.empty:
             self.bound[rows] = span
-            return
-        self._index = SurfaceIndex(self._region.surface)
-        all_gaps = self._measured(every)
+            self._near = _Near.of(self.other.surface, edges, np.inf) if len(edges) else None
+            if self._near is None:
+                return
+        all_gaps = self._measured(every, self._near)
         gaps, on_edges = all_gaps.at(slice(len(rows))), all_gaps.at(slice(len(rows), None))
+        self._widen(edges, on_edges, np.abs(on_edges.gaps))
         # farther than the region is wide, the side is not to be trusted; but such a node is not inside
         self.found.put(rows, dataclasses.replace(gaps, gaps=_outside(gaps.gaps, span)))
         self.bound[rows] = np.minimum(self.found.gaps[rows], span)
@@ -104,31 +105,37 @@ class Side:
 
     def rest(self) -> None:
         """Let go of the search structure."""
-        self._index, self._region = None, None
+        self._near = None
 
     def between(self, values: Float) -> Float:
         """Return what a quantity of the vertices is at the places on edges."""
         one, two = values[self.ends[:, 0]], values[self.ends[:, 1]]
         return one + self.along[:, None] * (two - one)
 
-    def _measured(self, points: Float) -> _Gaps:
-        """Measure the gaps of points, shifted as they are."""
-        assert self._index is not None and self._region is not None
-        surface = self._region.surface
-        found = self._index.closest(points)
-        normal = self._index.pseudonormals(found)
+    def _measured(self, points: Float, near: _Near) -> _Gaps:
+        """Measure the gaps of points, shifted as they are, to the faces that are near."""
+        surface, vertex = near.region.surface, near.region.vertex
+        found = near.index.closest(points)
+        normal = near.index.pseudonormals(found)
         apart = points - found.point
         inside = np.einsum("ij,ij->i", apart, normal) < 0
         corners = surface.faces[found.face]
         if self.other.open_edges:  # beside an open border there is no inside
             inside &= ~triples.every(
-                self.other.begun_surface.border[self._region.vertex][corners] | (found.barycentric <= 1e-12)
+                self.other.begun_surface.border[vertex][corners] | (found.barycentric <= 1e-12)
             )
         gaps = np.where(inside, -found.distance, found.distance)
         flat = found.distance <= FLAT * float(np.abs(surface.vertices).max(initial=0.0))
         ways = np.divide(apart, gaps[:, None], out=normal.copy(), where=~flat[:, None])
-        moved = self.other.displacement[self._region.vertex][corners]
+        moved = self.other.displacement[vertex][corners]
         return _Gaps(gaps, ways, np.einsum("pk,pkc->pc", found.barycentric, moved))
+
+    def _widen(self, points: Float, gaps: _Gaps, far: Float) -> None:
+        """Measure those points anew, of none farther than `far` (k,), to which faces beyond may be nearer."""
+        rows = np.arange(len(points)) if self._near is None else self._near.beyond(points, far)
+        if len(rows):
+            near = _Near.of(self.other.surface, points[rows], float(far[rows].max()) * (1.0 + 1e-9))
+            gaps.put(rows, self._measured(points[rows], near))
 
     def deepest(self, strict: bool) -> float:
         """Return the smallest gap."""
@@ -178,7 +185,7 @@ class Side:
 
     def pierced(self, found: Pierced) -> int:
         """Keep a place on each of the edges that pierce the other surface; return how many do."""
-        if self._index is None or not len(found.t):
+        if not len(found.t):
             return 0
         # the middles between one piercing and the next along an edge, its ends counting too where they are
         # inside; those of parts outside do no harm
@@ -192,12 +199,16 @@ class Side:
         stops = last & inside[:, 1]
         within = ~last
         along = (0.5 * t[starts], 0.5 * (t[within] + t[1:][within[:-1]]), 0.5 * (1.0 + t[stops]))
+        half = (0.5 * t[starts], 0.5 * (t[1:][within[:-1]] - t[within]), 0.5 * (1.0 - t[stops]))
         chosen = (ends[starts], ends[within], ends[stops])
-        self._keep(np.concatenate(chosen), np.concatenate(along))
+        self._keep(*(np.concatenate(values) for values in (chosen, along, half)))
         return int(first.sum())
 
-    def _keep(self, ends: Int, along: Float) -> None:
-        """Add places on edges, unless one is kept close by that is itself inside."""
+    def _keep(self, ends: Int, along: Float, half: Float) -> None:
+        """Add places on edges, unless one is kept close by that is itself inside.
+
+        Of the edge, as much as `half` (k,) lies between a place and where it pierces the other surface.
+        """
         count = len(self.body.corner)
         line = [e[:, 0].astype(np.int64) * count + e[:, 1] for e in (self.ends, ends)]
         _, rank = np.unique(np.concatenate(line), return_inverse=True)
@@ -208,11 +219,43 @@ class Side:
         new = 2.0 * rank[len(self.ends) :] + along
         place = np.searchsorted(known, new)
         fresh = np.minimum(new - known[place - 1], known[place] - new) > SAME
-        old = len(self.ends)
-        self.ends = np.concatenate((self.ends, ends[fresh]))
-        self.along = np.concatenate((self.along, along[fresh]))
-        extra = self._measured(self.between(self.body.vertices)[old:] + self.shift)
+        ends, along = ends[fresh], along[fresh]
+        one, two = self.body.vertices[ends].transpose(1, 0, 2)
+        points = one + along[:, None] * (two - one) + self.shift
+        extra = _Gaps.none(len(points)) if self._near is None else self._measured(points, self._near)
+        self._widen(points, extra, half[fresh] * triples.length(two - one))
+        self.ends, self.along = np.concatenate((self.ends, ends)), np.concatenate((self.along, along))
         self.on_edges = _Gaps.joined(self.on_edges, extra)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Near:
+    """The faces of a surface that reach into a box: whatever is nearer to a point than the box's sides."""
+
+    low: Float
+    high: Float
+    region: Region
+
+    @classmethod
+    def of(cls, surface: Surface, points: Float, reach: float) -> _Near:
+        """Cut out the faces that may be within reach of some points."""
+        low, high = triples.box(points)
+        return cls(low - reach, high + reach, Region.of(surface, low - reach, high + reach))
+
+    @cached_property
+    def index(self) -> SurfaceIndex:
+        """Search structure of the faces."""
+        return SurfaceIndex(self.region.surface)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no face."""
+        return not len(self.region.surface.faces)
+
+    def beyond(self, points: Float, far: Float) -> Int:
+        """Return the points within `far` (k,) of which faces may be missing."""
+        room = np.minimum(points - self.low, self.high - points).min(axis=1)
+        return np.flatnonzero(far > room)
 
 
 def _outside(gaps: Float, span: float) -> Float:

@@ -66,7 +66,8 @@ class FEMORS_PG_pair(bpy.types.PropertyGroup):
         description="Smallest signed distance of a node of one to the other's surface; negative inside",
     )
     depth: bpy.props.FloatProperty(
-        name="Depth", description="How deep the deepest node of one is inside the other"
+        name="Depth",
+        description="How deep one is inside the other, at a node, or on an edge that goes in and out again",
     )
     over: bpy.props.IntProperty(name="Nodes over", description="Nodes that are closer than the gap")
     crossings: bpy.props.IntProperty(name="Crossings", description="Pairs of triangles that cross")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from solids import box, hexes, moved, sphere
 
 from femors_addon.bodies import Body, Solid, shares
@@ -105,6 +106,38 @@ def test_edges_that_pierce_are_found_where_they_are_inside():
         index = SurfaceIndex(side.other.surface)
         assert side.on_edges.gaps == pytest.approx(index.signed(places), abs=1e-9)
         assert (side.on_edges.gaps < 0).any()
+
+
+@pytest.mark.parametrize("elsewhere", [False, True], ids=["nowhere", "elsewhere"])
+def test_an_edge_far_from_any_node_that_is_looked_at_is_measured_where_it_is(elsewhere):
+    """A ridge with its ends clear of a curved plate dips into it; nodes are near elsewhere, or nowhere."""
+    beam = Rotation.from_euler("x", 45.0, degrees=True).apply(box(1, 2.0).vertices * [5.0, 1.0, 1.0])
+    ridge = Surface(beam - [0.0, 0.0, 2**0.5 + 1.0], box(1, 2.0).faces)  # up to z = -1
+    knob = moved(sphere(2, 1.0), (18.0, 0.0, 1.2))
+    if elsewhere:
+        faces = np.concatenate((ridge.faces, knob.faces + len(ridge.vertices)))
+        ridge = Surface(np.concatenate((ridge.vertices, knob.vertices)), faces)
+    plate = hexes((40, 4, 2), (40, 4, 2), bend=-0.01, centre=(0.0, 0.0, -0.1)).surface()[0]
+    one, two = Solid(Body("ridge", ridge), 0.5), Solid(Body("plate", plate), 0.5)
+    pair = Pair(one, two, 0.01)
+    for _ in range(2):  # the second look is at those nodes alone that may be too near
+        pair.look(0.5, 0.01)
+    count = pair.pierce()
+    assert count == sum(
+        len(np.unique(piercings(a.surface, b.surface).edge)) for a, b in ((one, two), (two, one))
+    )
+    for number in range(3):
+        if number:  # the places are followed while bodies move, with no node near them
+            two.move(np.arange(len(two.points)), np.full((len(two.points), 3), [0.0, 0.0, -0.3]))
+            pair.moved({"plate": (np.full(len(two.vertices), 0.3), 0.3)})
+            pair.catch_up()
+            pair.look(0.5, 0.01)
+        places = [side.between(side.body.vertices) for side in pair.sides]
+        assert len(places[0])
+        for side, points in zip(pair.sides, places, strict=True):
+            true = SurfaceIndex(side.other.surface).signed(points)
+            assert side.on_edges.gaps == pytest.approx(true, abs=1e-9)
+    assert pair.sides[0].on_edges.gaps.min() == pytest.approx(-0.7, abs=0.02)
 
 
 def test_a_region_has_every_face_that_reaches_into_the_box():

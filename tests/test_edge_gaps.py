@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from solids import box, gaps, sphere
+from solids import box, gaps, moved, sphere
 
 from femors_addon.bodies import Body
 from femors_addon.edge_gaps import least_between
@@ -51,6 +51,26 @@ def test_no_two_points_of_edges_are_nearer(seed):
     found = least_between(one, two, nodes)
     assert found <= sampled
     assert found == pytest.approx(min(sampled, nodes), rel=0.02)
+
+
+@pytest.mark.parametrize("turn", [90.0, 40.0])
+def test_ridges_that_cross_are_told_as_deep_as_their_edges(turn):
+    """No node is inside; the middle of what a ridge of each cuts out is at the height h under the other's.
+
+    From there it is h / sqrt(2) to the slopes of 45 degrees, whatever the turn.
+    """
+    deep = 0.3
+    low, high = Body("low", beam(0.0, 0.0)), Body("high", beam(8**0.5 - deep, turn))
+    (found,) = check_overclosure([low, high], OverclosureSettings(gap=0.0))
+    assert found.state == "overlap" and found.depth == 0.0
+    assert found.edge_depth == found.deepest == pytest.approx(deep / 2**0.5, abs=1e-6)
+    assert ": overlap, 0.2121 deep on edges, " in str(found)
+
+
+def test_edges_that_are_less_deep_than_nodes_go_without_a_word():
+    (found,) = check_overclosure([Body("a", sphere(3)), Body("b", moved(sphere(2), (19.0, 0.3, 0.2)))])
+    assert 0.04 < found.edge_depth < found.depth == found.deepest
+    assert f": overlap, {found.depth:.4g} deep, " in str(found)
 
 
 def test_a_certificate_says_how_near_edges_come_beside_the_gap_of_nodes():
