@@ -64,33 +64,64 @@ def box(cells: int, size: float, centre=(0.0, 0.0, 0.0)) -> Surface:
 
 
 # --- checks by brute force, which share no code with what they check ------------------------------------
+AT_ONCE = 20_000  # pairs of a point, or an edge, and a face: what is known of so many stays in the cache
+
+
 def gaps(points: np.ndarray, surface: Surface) -> np.ndarray:
     """Signed distances (p,) of points to a closed surface, by every point and every face; negative inside."""
-    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    a, b, c = _corners(surface)
     ab, ac = b - a, c - a
-    normal = np.cross(ab, ac)
+    normal = _cross(ab, ac)
+    area, d00, d01, d11 = _dot(normal, normal), _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
     out = np.empty(len(points))
-    for row, p in enumerate(points):
-        best = np.full(len(a), np.inf)
+    size = max(AT_ONCE // a.shape[-1], 1)
+    for first in range(0, len(points), size):
+        p = points[first : first + size].T[:, :, None]
+        best = np.full((p.shape[1], a.shape[-1]), np.inf)
         for start, along in ((a, ab), (b, c - b), (c, a - c)):
-            t = np.clip(((p - start) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
-            best = np.minimum(best, ((start + t[:, None] * along - p) ** 2).sum(1))
-        height = ((p - a) * normal).sum(1) / (normal**2).sum(1)
-        foot = p - height[:, None] * normal - a
-        d00, d01, d11 = (ab**2).sum(1), (ab * ac).sum(1), (ac**2).sum(1)
-        d20, d21 = (foot * ab).sum(1), (foot * ac).sum(1)
-        v = (d11 * d20 - d01 * d21) / (d00 * d11 - d01**2)
-        w = (d00 * d21 - d01 * d20) / (d00 * d11 - d01**2)
+            t = np.clip(_dot(p - start, along) / _dot(along, along), 0.0, 1.0)
+            away = start + t * along - p
+            best = np.minimum(best, _dot(away, away))
+        height = _dot(p - a, normal) / area
+        foot = p - height * normal - a
+        d20, d21 = _dot(foot, ab), _dot(foot, ac)
+        v = (d11 * d20 - d01 * d21) / area
+        w = (d00 * d21 - d01 * d20) / area
         inside = (v >= 0) & (w >= 0) & (v + w <= 1)
-        best = np.where(inside, np.minimum(best, height**2 * (normal**2).sum(1)), best)
-        u = [corner - p for corner in (a, b, c)]
-        length = [np.linalg.norm(x, axis=1) for x in u]
-        top = (u[0] * np.cross(u[1], u[2])).sum(1)
-        low = np.prod(length, axis=0)
-        low = low + sum((u[i] * u[i - 1]).sum(1) * length[i - 2] for i in range(3))
-        winding = np.arctan2(top, low).sum() / (2 * np.pi)
-        out[row] = np.sqrt(best.min()) * (-1.0 if winding > 0.5 else 1.0)
+        best = np.where(inside, np.minimum(best, height**2 * area), best)
+        out[first : first + size] = np.sqrt(best.min(axis=1))
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    boxed = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+    out[boxed[_winding(points[boxed], surface) > 0.5]] *= -1.0  # beyond the box nothing is inside
     return out
+
+
+def _winding(points: np.ndarray, surface: Surface) -> np.ndarray:
+    """How often (p,) a surface goes around points, by the solid angle of every face."""
+    corners, out = _corners(surface), np.empty(len(points))
+    size = max(AT_ONCE // corners.shape[-1], 1)
+    for first in range(0, len(points), size):
+        p = points[first : first + size].T[:, :, None]
+        u = [corner - p for corner in corners]
+        length = [np.sqrt(_dot(x, x)) for x in u]
+        top = _dot(u[0], _cross(u[1], u[2]))
+        low = length[0] * length[1] * length[2]
+        low = low + sum(_dot(u[i], u[i - 1]) * length[i - 2] for i in range(3))
+        out[first : first + size] = np.arctan2(top, low).sum(axis=1) / (2 * np.pi)
+    return out
+
+
+def _corners(surface: Surface) -> np.ndarray:
+    """Corners (3, 3, 1, m) of all faces: which corner, then its coordinates."""
+    return surface.vertices[surface.faces].transpose(1, 2, 0)[:, :, None]
+
+
+def _dot(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return np.stack([u[i - 2] * v[i - 1] - u[i - 1] * v[i - 2] for i in range(3)])
 
 
 def enclosed_volume(nodes: np.ndarray, polygons: Polygons) -> float:
@@ -108,16 +139,18 @@ def enclosed_volume(nodes: np.ndarray, polygons: Polygons) -> float:
 def crosses(one: Surface, two: Surface) -> bool:
     """Whether an edge of one closed surface goes through a face of the other: every edge, every face."""
     for s, t in ((one, two), (two, one)):
-        a, b, c = (t.vertices[t.faces[:, k]] for k in range(3))
-        sides = s.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        for i, j in np.unique(np.sort(sides, axis=1), axis=0):
-            p, d = s.vertices[i], s.vertices[j] - s.vertices[i]
-            h = np.cross(d, c - a)
-            det = ((b - a) * h).sum(1)
+        a, b, c = _corners(t)
+        sides = np.unique(np.sort(s.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+        size = max(AT_ONCE // a.shape[-1], 1)
+        for first in range(0, len(sides), size):
+            p, end = s.vertices[sides[first : first + size]].transpose(1, 2, 0)[:, :, :, None]
+            d = end - p
+            h = _cross(d, c - a)
+            det = _dot(b - a, h)
             safe = np.where(np.abs(det) > 1e-14, det, np.inf)
-            u = ((p - a) * h).sum(1) / safe
-            q = np.cross(p - a, b - a)
-            v, along = (q * d).sum(1) / safe, (q * (c - a)).sum(1) / safe
+            u = _dot(p - a, h) / safe
+            q = _cross(p - a, b - a)
+            v, along = _dot(q, d) / safe, _dot(q, c - a) / safe
             if ((u > 1e-9) & (v > 1e-9) & (u + v < 1 - 1e-9) & (along > 1e-9) & (along < 1 - 1e-9)).any():
                 return True
     return False
