@@ -82,7 +82,7 @@ def add_settings(parser: argparse.ArgumentParser, cls: type, aliases: Mapping[st
     """
     kinds = typing.get_type_hints(cls)
     for name, (field, spec) in specs(cls).items():
-        flags = [f"--{name.replace('_', '-')}"]
+        flags = [_flag(name)]
         if name in aliases:
             flags.insert(0, aliases[name])
         group = _group(parser, spec.advanced)
@@ -112,8 +112,12 @@ def settings_of(args: argparse.Namespace, base: Settings) -> Settings:
         if hasattr(args, _destination(name))
     }
     settings = dataclasses.replace(base, **given)  # type: ignore[type-var]
-    check(settings)
+    check(settings, _flag)
     return settings
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _destination(name: str) -> str:

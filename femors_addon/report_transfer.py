@@ -21,7 +21,7 @@ from .regions import Region
 from .report_figures import TARGET, with_unit
 from .report_html import Figure, Item, Section
 from .shapes import sphere
-from .transfer import Transfer, Transferred
+from .transfer import Transfer, Transferred, distinct
 
 DOT, DOT_SIZE = (0.80, 0.18, 0.12), 0.012  # a landmark in pictures: colour, and radius of the size
 NUDGE = 1e-3  # of the size: so much nearer to the eye is drawn what was carried
@@ -107,18 +107,24 @@ def landmark_rows(carried: Carried, size: float, known: Prediction | None = None
 
 
 def thing_row(carried: Carried, size: float) -> dict[str, Any]:
-    """Return the record of a mesh, a curve or a model: distances as statistics over its points."""
-    moved, after = carried.moved, carried.after[np.isfinite(carried.after)]
-    reached = np.abs(moved.distance) <= FADE[0] * size
+    """Return the record of a mesh, a curve or a model: distances as statistics over its points.
+
+    Of a soup of triangles, points at one place count as one.
+    """
+    moved, points = carried.moved, carried.moved.points
+    soup = carried.faces is not None and np.size(carried.faces) == len(points)
+    rows = distinct(points) if soup else np.arange(len(points))
+    away, projected, error = np.abs(moved.distance[rows]), moved.projected[rows], moved.error[rows]
+    after = carried.after[rows][np.isfinite(carried.after[rows])]
     return {
         "name": carried.name,
-        "points": len(moved.points),
-        "distance_before": Stat.of(np.abs(moved.distance)).as_dict(),
+        "points": len(rows),
+        "distance_before": Stat.of(away).as_dict(),
         "distance_after": Stat.of(np.abs(after)).as_dict() if len(after) else None,
-        "in_range": f"{100 * reached.mean():.4g} %",
-        "moved": Stat.of(np.linalg.norm(moved.points - carried.before, axis=1)).as_dict(),
-        "projected": Stat.of(moved.projected).as_dict() if moved.projected.any() else None,
-        "error_of_the_inverse": Stat.of(moved.error).as_dict() if moved.error.any() else None,
+        "in_range": f"{100 * (away <= FADE[0] * size).mean():.4g} %",
+        "moved": Stat.of(np.linalg.norm(points[rows] - carried.before[rows], axis=1)).as_dict(),
+        "projected": Stat.of(projected).as_dict() if projected.any() else None,
+        "error_of_the_inverse": Stat.of(error).as_dict() if error.any() else None,
         "put_back_to_its_side": moved.kept or None,
     }
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any, Literal
 
 from .progress import FemorsError
@@ -40,16 +41,19 @@ def specs(cls: type) -> dict[str, tuple[dataclasses.Field[Any], Spec]]:
     return {f.name: (f, f.metadata["spec"]) for f in dataclasses.fields(cls) if "spec" in f.metadata}
 
 
-def check(settings: Any) -> None:
-    """Raise `FemorsError` for the first value outside its limits or choices."""
+def check(settings: Any, called: Callable[[str], str] | None = None) -> None:
+    """Raise `FemorsError` for the first value outside its limits or choices.
+
+    `called` gives the name by which the user knows a setting, where that is not its label.
+    """
     for name, (_, spec) in specs(type(settings)).items():
-        value = getattr(settings, name)
+        value, label = getattr(settings, name), called(name) if called else spec.label
         if spec.choices:
             allowed = [choice[0] for choice in spec.choices]
             if value not in allowed:
-                raise FemorsError(f"{spec.label}: '{value}' is not one of {', '.join(allowed)}")
+                raise FemorsError(f"{label}: '{value}' is not one of {', '.join(allowed)}")
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
             low, high = spec.minimum, spec.maximum
             low, high = (-math.inf if low is None else low), (math.inf if high is None else high)
             if not low <= value <= high:  # also where it is NaN
-                raise FemorsError(f"{spec.label}: {value} is outside {low:g} to {high:g}")
+                raise FemorsError(f"{label}: {value} is outside {low:g} to {high:g}")

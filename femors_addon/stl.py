@@ -55,6 +55,8 @@ def parse(data: bytes) -> tuple[Float, Int, Int, Template]:
         corners, template = _parse_binary(data)
     elif data.removeprefix(b"\xef\xbb\xbf").lstrip()[:5].lower() == b"solid" and looks_like_text(data):
         corners, template = _parse_ascii(data)
+    elif data[:4] in (b"ply\n", b"ply\r"):
+        raise FemorsError("is a PLY file by its first line; give it the ending .ply")
     elif looks_like_text(data):
         raise FemorsError("is text but not an STL file, whose text starts with 'solid'")
     elif len(data) < HEADER:

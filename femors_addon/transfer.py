@@ -16,7 +16,7 @@ from . import triples
 from .cached import cached_property
 from .carry import FADE, Carrier
 from .cleaning import clean
-from .mesh import Float, Surface
+from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, counted, part, silent
 from .transfer_settings import TransferSettings
@@ -73,17 +73,22 @@ class Transferred:
 
     def summary(self, soup: bool = False) -> str:
         """Return the figures in a line; of a soup of triangles, points at one place count as one."""
-        away = np.abs(self.distance)
+        rows = distinct(self.points) if soup else np.arange(len(self.points))
+        away, projected, error = np.abs(self.distance[rows]), self.projected[rows], self.error[rows]
         middle, most = np.median(away), away.max()
-        count = len(np.unique(self.points, axis=0)) if soup else len(self.points)
-        words = [f"{counted(count, 'point')}, median {middle:.3g} (max {most:.3g}) from the surface"]
-        if self.projected.any():
-            words.append(f"projected by {np.median(self.projected):.3g} (max {self.projected.max():.3g})")
-        if self.error.any():
-            words.append(f"error of the inverse {np.median(self.error):.2g} (max {self.error.max():.2g})")
+        words = [f"{counted(len(rows), 'point')}, median {middle:.3g} (max {most:.3g}) from the surface"]
+        if projected.any():
+            words.append(f"projected by {np.median(projected):.3g} (max {projected.max():.3g})")
+        if error.any():
+            words.append(f"error of the inverse {np.median(error):.2g} (max {error.max():.2g})")
         if self.kept:
             words.append(f"{self.kept} put back to their side of the surface")
         return "; ".join(words)
+
+
+def distinct(points: Float) -> Int:
+    """Return the first row of each place among points (p, 3), ascending."""
+    return np.sort(np.unique(points, axis=0, return_index=True)[1])
 
 
 class Transfer:

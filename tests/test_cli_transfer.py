@@ -92,6 +92,7 @@ def test_a_report_has_every_landmark_and_file_before_and_after(files, capsys):
     assert things["site.stl"]["distance_after"]["maximum"] < 1e-4
     assert things["cart.inp"]["distance_before"]["maximum"] > 0.5
     assert things["cart.inp"]["points"] == len(slab().nodes)
+    assert things["site.stl"]["points"] == len(site().vertices)  # not three for each triangle
     page = reports[1].read_text()
     assert page.count("data:image/png") == 4 and "<svg" in page and "from &#x27;target.ply&#x27;" in page
     assert all(f"<th>{mark}</th>" in page for mark in "abc") and "In range" in page
@@ -157,7 +158,7 @@ def test_slicers_files_in_the_other_axes(files, capsys):
         (["f.npz", "site.stl", "site.stl", "-o", "out"], "two outputs"),
         (["f.npz", "notes.txt", "-o", "out"], "not a known kind"),
         (["f.npz", "twice.csv", "-o", "out"], "'a' stands twice"),
-        (["f.npz", "site.stl", "-o", "out", "--strength", "2"], "Strength"),
+        (["f.npz", "site.stl", "-o", "out", "--strength", "2"], "--strength: "),
         (["f.npz", "site.stl", "-o", "out", "--strength", "0.5", "--project", "target.ply"], "strength 1"),
         (["f.npz", "site.stl", "-o", "out", "--table", "t.csv"], "no input is a landmark file"),
         (["f.npz", "-o", "out"], "required"),

@@ -36,8 +36,11 @@ def no_morph(monkeypatch):
             ["morph", "a.stl", "b.stl", "-o", "c.stl", "--levels", "many"],
             "--levels: invalid int value: 'many'",
         ),
-        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--levels", "-1"], "Reduced levels: -1 is outside"),
-        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--spread-start", "nan"], "nan is outside"),
+        (["morph", "a.stl", "b.stl", "-o", "c.stl", "--levels", "-1"], "--levels: -1 is outside"),
+        (
+            ["morph", "a.stl", "b.stl", "-o", "c.stl", "--spread-start", "nan"],
+            "--spread-start: nan is outside",
+        ),
         (["morph", "a.stl", "b.stl", "-o", "c.stl", "--nonsense"], "--nonsense"),
         (["morph", "a.stl", "b.stl", "-o", "c.stl", "--quie"], "--quie"),
     ],
