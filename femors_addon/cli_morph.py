@@ -146,7 +146,9 @@ def _write(
             date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             names = (Path(args.source).stem, Path(args.target).stem)
             paths[args.field].write_bytes(figures.kept(*names, date).placed(stand).encoded())
-    mirrored = "mirrored; faces keep their corners' order, so their inner and outer sides are swapped"
+    mirrored = (
+        "mirrored; faces keep their corners' order, and so point inward: turn them for the next program"
+    )
     return [
         # only surfaces get here mirrored: volumes refuse
         *([mirrored] if np.linalg.det(figures.transform[:3, :3]) < 0 else []),

@@ -46,6 +46,11 @@ class Pair:
         """Both names."""
         return self.one.name, self.two.name
 
+    @property
+    def moving(self) -> set[str]:
+        """Names of the bodies that may move."""
+        return {solid.name for solid in (self.one, self.two) if solid.share > 0}
+
     def look(self, reach: float, least: float = np.inf) -> None:
         """Measure all gaps anew that may be below `reach`; those of nodes never too near, below `least`."""
         self.sides[0].frame = self.offset

@@ -14,6 +14,7 @@ import numpy as np
 
 from . import triples
 from .bodies import Solid
+from .cached import cached_property
 from .contact import Pair
 from .contact_field import ContactField
 from .crew import together
@@ -33,6 +34,7 @@ FINE = 1.0  # mean edges: spread of the clearing
 AIM = 0.03  # of the gap: how much farther than needed the clearing pushes, so as to end
 ROUNDS = 20  # corrections of the clearing's amounts
 AGAIN = 1.0  # mean edges: a depth from which a pair is shaped anew
+ROOM = 0.25  # of the thinner body: how deep a pair that was clear may be pressed in by what others do
 
 
 class Effort:
@@ -81,6 +83,7 @@ class Effort:
         self._steps, self._clear_at = 0, (-1, -1)
         self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
         pair.look(self._reach, self.target)
+        self._clear_at_first = pair.deepest(True) >= 0
         self.through = settings.continuation and self._begin_parting(stuck)
 
     @property
@@ -91,6 +94,16 @@ class Effort:
     def done(self) -> bool:
         """Whether nothing is left to do, as far as is known."""
         return self.phase != PARTING and self.worst <= 0 and not self.pierced
+
+    @cached_property
+    def _room(self) -> float:
+        return ROOM * min(thickness(self.pair.one.surface), thickness(self.pair.two.surface))
+
+    @property
+    def squeeze(self) -> float:
+        """How much of its room, from 0 to 1, is taken where others press a pair together that was clear."""
+        depth = self.missing - self.target
+        return min(depth / self._room, 1.0) if depth > 0 and self._clear_at_first and self._room > 0 else 0.0
 
     def forget(self) -> None:
         """Measure everything anew the next time, even where nothing moved: what was known was wrong."""
@@ -109,8 +122,12 @@ class Effort:
         self.phase = PARTING
         return True
 
-    def field(self) -> ContactField | None:
-        """Look at the pair and return the next field; None where nothing is to be moved."""
+    def field(self, squeeze: float = 0.0) -> ContactField | None:
+        """Look at the pair and return the next field; None where nothing is to be moved.
+
+        The more others that this pair presses together are squeezed, the shorter its step, down to none:
+        they have to give way first, or would pass through each other.
+        """
         pair = self.pair
         versions = pair.one.version, pair.two.version
         if self.done and versions == self._clear_at:
@@ -141,6 +158,8 @@ class Effort:
         if not len(asked):
             return None
         asked = np.minimum(asked, self._stride)
+        if squeeze > self.squeeze:
+            asked = np.minimum(asked, (1.0 - squeeze) * self._room)
         if strict:
             return ContactField.fitted(contacts, asked, self.spread, np.zeros(len(asked)), ROUNDS)
         # what is too far apart comes back as far as it was pushed

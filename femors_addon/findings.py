@@ -68,11 +68,6 @@ class Finding:
         return max(0.0, -self.least)
 
     @property
-    def deepest(self) -> float:
-        """How deep one is inside the other at a node or on an edge, at least."""
-        return max(self.depth, self.edge_depth)
-
-    @property
     def edges_nearer(self) -> bool:
         """Whether edges are known to be nearer each other than any node is to the other surface."""
         return self.surfaces_apart is not None and self.surfaces_apart < (1.0 - ROUNDING) * self.least
@@ -99,7 +94,7 @@ class Finding:
             edges = f" at nodes, {self.surfaces_apart:.4g} between edges" if self.edges_nearer else ""
             return f"{self.one} - {self.two}: clear, {self.least:.4g} apart{edges}"
         words = [f"{counted(self.over[0] + self.over[1], 'node')} closer than {self.gap:g}"]
-        if self.deepest > 0:
+        if self.depth > 0 or self.edge_depth > 0:
             words.insert(0, self.deep)
         if self.crossings:
             words.append(counted(self.crossings, "crossing pair of triangles", "crossing pairs of triangles"))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from . import triples
 from .cached import cached_property
 from .carry import Carrier
 from .cleaning import Cleaned
@@ -21,11 +22,13 @@ from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
 from .progress import Progress, counted, part
-from .quality import Comparison, compare, flipped_faces
+from .quality import Comparison, compare, dihedral_angles, flipped_faces
 from .transforms import transformed
 
 AT_PLACE = 1e-12  # of the size: a node stands where it was laid
 LARGE_SPREAD = 0.25  # of the size: the first spread of a preset in another unit
+BLUNT, SHARP = 60.0, 120.0  # degrees between two faces: an edge that a morph has pleated was, and is
+AS_SHARP = 2.0  # times the share of such edges in the target: so many may the morph make
 BEFORE = 50_000  # vertices of each mesh whose distances stand for all of them before the morph
 
 
@@ -156,6 +159,7 @@ def result_of(
     )
     faults = _folded(outcome.bad)
     hints = part_of_whole(outcome.source.surface, morphed, target, settings.partial, converged)
+    hints += _pleated(outcome.aligned, morphed, target)
     progress(1.0, "done")
     return MorphResult(
         vertices=vertices,
@@ -250,6 +254,20 @@ def _folded(bad: int) -> tuple[str, ...]:
     one = "face folds over or crosses others, though it did not in the source"
     many = "faces fold over or cross others, though they did not in the source"
     return (counted(bad, one, many),) if bad else ()
+
+
+def _pleated(source: Surface, morphed: Surface, target: Surface) -> tuple[str, ...]:
+    """What to say of edges that have become sharp, where the target has few such edges to be laid on."""
+    was, now, theirs = (dihedral_angles(surface)[::2] for surface in (source, morphed, target))
+    new = np.flatnonzero((now > SHARP) & (was < BLUNT))
+    if len(new) * max(len(theirs), 1) <= AS_SHARP * (theirs > SHARP).sum() * len(now):
+        return ()
+    middles = morphed.vertices[morphed.edge_faces[1][new]].mean(axis=1)
+    first = middles[np.argmin(triples.length(middles - np.median(middles, axis=0)))]
+    place = ", ".join(f"{x:.4g}" for x in first)
+    edges = counted(len(new), "edge is", "edges are")
+    words = f"bent by more than {SHARP:g} degrees, by less than {BLUNT:g} in the source"
+    return (f"{edges} {words}: pleats, which are neither folds nor crossings; look near ({place})",)
 
 
 def _ran_into(crossed: int) -> tuple[str, ...]:

@@ -37,9 +37,10 @@ def loop(
     """Iterate until all pairs are clear; return why it stopped short of it, or ""."""
     best = _Best(solids)
     deepest, share, shaped = 0.0, 0.0, False
+    beside = _beside(efforts)
     for number in range(settings.iterations):
         begun = [solid.points for solid in solids]
-        missing, pierced, spread = _sweep(efforts)
+        missing, pierced, spread = _sweep(efforts, beside)
         deepest = max(deepest, missing)
         history.append(Step(len(history) + 1, missing, pierced, spread))
         done = 1.0 - math.log1p(1e4 * missing / deepest) / math.log1p(1e4) if deepest else 1.0
@@ -68,9 +69,10 @@ def loop(
     return f"iteration limit ({settings.iterations}) reached"
 
 
-def _sweep(efforts: list[Effort]) -> tuple[float, int, float]:
+def _sweep(efforts: list[Effort], beside: list[list[Effort]]) -> tuple[float, int, float]:
     """Move every pair once; return (largest depth that is missing, edges that pierce, largest spread)."""
-    found = ordered([partial(_moved, number, efforts) for number in range(len(efforts))], _needs(efforts))
+    jobs = [partial(_moved, number, efforts, beside[number]) for number in range(len(efforts))]
+    found = ordered(jobs, _needs(efforts))
     for effort in efforts:
         effort.pair.catch_up()
     missing, pierced, spread = zip(*found, strict=True) if found else ((0.0,), (0,), (0.0,))
@@ -82,17 +84,28 @@ def _needs(efforts: list[Effort]) -> list[set[int]]:
     last: dict[str, int] = {}
     needs = []
     for number, effort in enumerate(efforts):
-        moving = [solid.name for solid in (effort.pair.one, effort.pair.two) if solid.share > 0]
+        moving = effort.pair.moving
         needs.append({last[name] for name in moving if name in last})
         last.update(dict.fromkeys(moving, number))
     return needs
 
 
-def _moved(number: int, efforts: list[Effort]) -> tuple[float, int, float]:
+def _beside(efforts: list[Effort]) -> list[list[Effort]]:
+    """Return for each pair the others with a body in common that moves: none is at work while this one is."""
+    of: dict[str, list[Effort]] = {}
+    for effort in efforts:
+        for name in effort.pair.moving:
+            of.setdefault(name, []).append(effort)
+    return [
+        [other for name in sorted(e.pair.moving) for other in of[name] if other is not e] for e in efforts
+    ]
+
+
+def _moved(number: int, efforts: list[Effort], beside: list[Effort]) -> tuple[float, int, float]:
     """Move a pair, and let the others know; return its (missing depth, piercing edges, spread)."""
     effort = efforts[number]
     effort.pair.catch_up()
-    field = effort.field()
+    field = effort.field(max((other.squeeze for other in beside), default=0.0))
     if field is not None:
         steps = apply(effort, field)
         for other in efforts:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from . import triples
 from .bodies import Solid
+from .cached import cached_property
 from .cutouts import Region
 from .meeting import Pierced
 from .mesh import Float, Int, Surface

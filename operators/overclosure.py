@@ -226,7 +226,7 @@ def fill_pairs(form: Any, findings: Iterable[Any], ask: overclosure_work.Ask) ->
         row = form.pairs.add()
         for name in ("one", "two", "least", "crossings", "state", "where"):
             setattr(row, name, getattr(finding, name))
-        row.depth = finding.deepest
+        row.depth = finding.depth or finding.edge_depth
         row.over = sum(finding.over)
         row.shared = -1.0 if finding.shared is None else finding.shared
     listed = {frozenset((row.one, row.two)) for row in form.pairs}

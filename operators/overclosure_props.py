@@ -67,7 +67,7 @@ class FEMORS_PG_pair(bpy.types.PropertyGroup):
     )
     depth: bpy.props.FloatProperty(
         name="Depth",
-        description="How deep one is inside the other, at a node, or on an edge that goes in and out again",
+        description="How deep the deepest node of one is inside the other; where none is, how deep an edge",
     )
     over: bpy.props.IntProperty(name="Nodes over", description="Nodes that are closer than the gap")
     crossings: bpy.props.IntProperty(name="Crossings", description="Pairs of triangles that cross")

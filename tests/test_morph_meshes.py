@@ -12,6 +12,7 @@ from surfaces import cut, soup, together
 from femors_addon import cli_morph, shapes
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import MorphResult, MorphSettings, morph
+from femors_addon.morph_outcome import _pleated
 from femors_addon.progress import FemorsError
 
 
@@ -191,3 +192,34 @@ def test_new_folds_are_a_fault_also_where_the_source_crosses_itself_more():
     (fault,) = result.faults
     assert "did not in the source" in fault and result.warnings.count(fault) == 1
     assert fault in cli_morph._faults(result, two)
+
+
+def roof(height: float) -> Surface:
+    """A strip of 12 squares along x, its middle raised: the edge there is bent by twice the slope."""
+    x, y = np.meshgrid(np.arange(-6.0, 7.0), np.arange(2.0))
+    points = np.column_stack((x.ravel(), y.ravel(), np.where(x == 0, height, 0.0).ravel()))
+    low = np.arange(12)
+    faces = [np.column_stack(corners) for corners in ((low, low + 1, low + 14), (low, low + 14, low + 13))]
+    return Surface(points, np.concatenate(faces))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "target", "told"),
+    [
+        (0.0, 1.7, 0.0, False),  # 119 degrees
+        (0.0, 1.8, 0.0, True),  # 122
+        (0.57, 1.8, 0.0, True),  # 59 before
+        (0.6, 1.8, 0.0, False),  # 62
+        (0.0, 1.8, 1.8, False),  # as the target
+    ],
+)
+def test_pleats_are_told_that_neither_mesh_has(before, after, target, told):
+    notes = _pleated(roof(before), roof(after), roof(target))
+    assert len(notes) == told
+    if told:
+        assert notes[0].startswith("1 edge is bent by more than 120 degrees, by less than 60 in the source: ")
+        assert notes[0].endswith(f"look near (0, 0.5, {after:g})")
+
+
+def test_a_good_morph_has_no_pleats(clean_result):
+    assert not any("pleats" in warning for warning in clean_result[1].warnings)

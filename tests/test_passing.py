@@ -9,6 +9,8 @@ from solids import hexes, sphere
 
 from femors_addon import passing
 from femors_addon.bodies import Body, Solid
+from femors_addon.contact import Pair
+from femors_addon.effort import ROOM, Effort
 from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureResult, OverclosureSettings, remove_overclosure
 from femors_addon.passing import passed
@@ -31,11 +33,45 @@ def in_order(result: OverclosureResult) -> bool:
     return wall < first < second
 
 
-@pytest.mark.parametrize("gap", [1.2, 1.4, 1.6])
+@pytest.mark.parametrize("gap", [1.2, 1.6, 2.2])
 def test_a_wide_gap_pushes_nobody_through_a_thin_third(gap):
-    """No depth, but a gap of three thicknesses: the plate went through its neighbour, and was certified."""
+    """No depth, but a gap of three to six thicknesses: the plate went through its neighbour."""
     result = pushed(gap)
     assert result.certified and in_order(result)
+
+
+def test_a_wide_gap_pushes_nobody_through_a_rigid_third():
+    result = pushed(1.2, share=0.0)
+    assert in_order(result) and not result.certified
+    assert (
+        result.reasons[0].startswith("'wall' and 'first' at")
+        and "where 1.2 is asked for" in result.reasons[0]
+    )
+
+
+def test_a_pair_waits_for_those_that_it_has_pressed_together():
+    """The deeper the others are in each other, the shorter its step; from a quarter of a thickness, none."""
+    steps = []
+    for squeeze in (0.0, 0.5, 1.0):
+        pair = Pair(Solid(Body("wall", plate(0.0)), 0.0), Solid(Body("first", plate(0.6)), 0.5), 1.0)
+        effort = Effort(pair, OverclosureSettings(), 0.0)
+        field = effort.field(squeeze)
+        assert field is not None
+        steps.append(float(np.abs(field(pair.two.vertices)[1]).max(initial=0.0)))
+    room = ROOM * 0.39  # the thickness of a plate with sides is a little less
+    assert steps[0] > 2 * room and steps[1] == pytest.approx(0.5 * room, rel=0.2) and steps[2] == 0.0
+
+
+@pytest.mark.parametrize(("x", "squeeze"), [(0.9, 0.0), (0.37, 0.0)])
+def test_only_who_was_clear_and_is_deep_by_now_is_squeezed(x, squeeze):
+    one, two = Solid(Body("one", plate(0.0)), 0.5), Solid(Body("two", plate(x)), 0.5)
+    effort = Effort(Pair(one, two, 0.02), OverclosureSettings(continuation=False), 0.0)
+    effort.field()
+    assert effort.squeeze == squeeze
+    two.put(two.points - [x - 0.35, 0.0, 0.0])  # 0.05 deep, of 0.4
+    effort.forget()
+    effort.field()
+    assert effort.squeeze == (pytest.approx(0.5, abs=0.1) if x > 0.4 else 0.0)
 
 
 def test_what_is_deep_elsewhere_makes_no_step_longer():
@@ -45,8 +81,9 @@ def test_what_is_deep_elsewhere_makes_no_step_longer():
 
 
 @pytest.mark.parametrize(("gap", "share"), [(1.2, 0.0), (2.0, None), (2.2, None)])
-def test_who_went_through_another_is_told_and_not_certified(gap, share):
-    """A rigid plate in the way, or a gap of five thicknesses."""
+def test_who_went_through_another_is_told_and_not_certified(gap, share, monkeypatch):
+    """A rigid plate in the way, or a gap of five thicknesses, where no pair waits for another."""
+    monkeypatch.setattr(Effort, "squeeze", 0.0)
     result = pushed(gap, share=share)
     assert not in_order(result), "else the case shows nothing"
     assert all(finding.clear for finding in result.after) and not result.certified
