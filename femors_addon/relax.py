@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from . import triples
@@ -24,6 +25,8 @@ SHAPE_ROUNDS = 10  # moves of shape matching between two projections
 SHAPE_STEP = 0.8
 FLOOR = 0.02  # weight of a face without distortion, where one that is badly distorted has one
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
+TILTED = 0.9  # cosine: where no face is turned as far, no edge is bent much
+BLUNT, BEND = 0.5, -0.34  # cosines of two faces: an edge of less than 60 degrees is bent to 110 at most
 PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
 TINY = np.finfo(np.float64).tiny
@@ -219,44 +222,60 @@ def settle(
 
 
 def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.csr_matrix) -> Float:
-    """Shorten a step (n, 3) at the nodes where it would turn faces over, down to none of it.
+    """Shorten a step (n, 3) at the nodes where it would turn faces over or pleat edges, down to none of it.
 
     A face is measured against its own direction under the smoothed displacement, which takes each
-    neighbourhood along as one; what begins without folds stays without.
+    neighbourhood along as one; an edge that is blunt in the reference, by the angle of its two faces.
+    What begins without folds stays without.
     """
     smooth = displacement
     for _ in range(SMOOTH):
         smooth = mean @ smooth
     taken_along = reference.moved(reference.vertices + smooth)
     upright, flat = taken_along.face_normals, PRESSED * 2.0 * taken_along.face_areas
-    start = reference.vertices + displacement
+    start, corners, beside = reference.vertices + displacement, reference.faces, reference.edge_faces[0]
 
-    def cosine(faces: Int, share: Float) -> Float:
+    def directions(faces: Int, share: Float) -> Float:
+        """Normals (k, 3); shorter where a face is pressed onto a line, and points nowhere by its rounding."""
         there = start + share * step
 
         def of(block: slice) -> Float:
             some = faces[block]
-            a, b, c = (there.take(corner, axis=0) for corner in reference.faces[some].T)
+            a, b, c = (there.take(corner, axis=0) for corner in corners[some].T)
             normal = triples.cross(b - a, c - a)
-            # a face pressed onto a line points nowhere, and neither up nor down by its rounding
-            size = triples.length(normal) + flat[some]
-            up = triples.dot(upright[some], normal)
-            return np.divide(up, size, out=np.zeros_like(up), where=size > 0)
+            size = (triples.length(normal) + flat[some])[:, None]
+            return np.divide(normal, size, out=np.zeros_like(normal), where=size > 0)
 
         return np.concatenate(in_blocks(of, len(faces)))
 
-    share = np.ones((len(step), 1))
-    faces: Int = np.arange(len(reference.faces), dtype=np.int32)
-    faces = faces[cosine(faces, share) < TURN]
+    def facing(faces: Int, share: Float) -> Float:
+        return triples.dot(upright[faces], directions(faces, share))
+
+    def bent(pairs: Int, share: Float) -> Float:
+        return triples.dot(*(directions(side, share) for side in pairs.T))
+
+    def blunt(some: NDArray[np.bool_]) -> Int:
+        """Pairs (k, 2) of faces at blunt edges, one being among some (m,)."""
+        pairs = beside[some[beside[:, 0]] | some[beside[:, 1]]]
+        one, two = (reference.face_normals[side] for side in pairs.T)
+        return pairs[triples.dot(one, two) > BLUNT]
+
+    share, nothing = np.ones((len(step), 1)), np.zeros((len(step), 1))
+    faces: Int = np.arange(len(corners), dtype=np.int32)
+    turns = facing(faces, share)
+    faces, pairs = faces[turns < TURN], blunt(turns < TILTED)
+    pairs = pairs[bent(pairs, share) < BEND]
     for factor in (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0):
-        limit = np.minimum(TURN, cosine(faces, np.zeros_like(share)))
-        turned = cosine(faces, share) < limit
-        turned &= (share[reference.faces[faces], 0] > 0).any(axis=1)
-        if not turned.any():
+        over = facing(faces, share) < np.minimum(TURN, facing(faces, nothing))
+        pleated = bent(pairs, share) < np.minimum(BEND, bent(pairs, nothing))
+        turned = np.union1d(faces[over], pairs[pleated].ravel())
+        turned = turned[(share[corners[turned], 0] > 0).any(axis=1)]
+        if not len(turned):
             break
-        share[reference.faces[faces[turned]].ravel()] *= factor
+        share[corners[turned].ravel()] *= factor
         # only where a node's step was shortened has anything changed
-        faces = np.flatnonzero(triples.some((share[:, 0] < 1.0).take(reference.faces))).astype(np.int32)
+        changed = triples.some((share[:, 0] < 1.0).take(corners))
+        faces, pairs = np.flatnonzero(changed).astype(np.int32), blunt(changed)
     return share * step
 
 

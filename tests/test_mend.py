@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from foldcases import pulled, whole
 
-from femors_addon import faults, mend, stepback
+from femors_addon import faults, mend, relax, stepback
 from femors_addon import morph as morphing
 from femors_addon.faults import Judge
 from femors_addon.folds import Reference, bad_faces
@@ -216,7 +216,7 @@ def blade(halvings, thickness, turn, bend):
 
 
 def test_thin_plates_of_other_shape_fold_far_less(monkeypatch):
-    source, target = blade(3, 0.02, 3.0, 0.4), blade(3, 0.03, 1.0, -0.3)
+    source, target = blade(3, 0.03, 0.0, 0.5), blade(3, 0.03, 2.0, -0.5)
 
     def bad():
         after = morphing.morph(source, target).after
@@ -225,11 +225,11 @@ def test_thin_plates_of_other_shape_fold_far_less(monkeypatch):
     with_it = bad()
     monkeypatch.setattr(morphing, "mended", lambda rest, aligned, displacement, *_: (displacement, 1))
     without = bad()
-    assert with_it < 0.5 * without, (with_it, without)  # 1 against 95
+    assert with_it < 0.5 * without, (with_it, without)  # 8 against 135
 
 
 def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
-    source, target = blade(3, 0.025, 2.0, 0.3), blade(3, 0.04, 1.0, 0.1)
+    source, target = blade(3, 0.03, 0.0, 0.5), blade(3, 0.03, 2.0, -0.5)
 
     def bad():
         after = morphing.morph(source, target).after
@@ -238,7 +238,22 @@ def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
     with_it = bad()
     monkeypatch.setattr(mend, "step_back", lambda judge, state, *_: state)
     without = bad()
-    assert with_it < 0.3 * without, (with_it, without)  # 0 against 84
+    assert with_it < 0.3 * without, (with_it, without)  # 8 against 119
+
+
+def test_plates_that_are_laid_down_without_pleats_have_less_to_mend(monkeypatch):
+    """Crossing faces begin as pleats, which each step may keep from coming up at all."""
+    source, target = blade(3, 0.02, 3.0, 0.4), blade(3, 0.03, 1.0, -0.3)
+    monkeypatch.setattr(morphing, "mended", lambda rest, aligned, displacement, *_: (displacement, 1))
+
+    def bad():
+        after = morphing.morph(source, target).after
+        return after.flipped + after.self_intersecting
+
+    with_it = bad()
+    monkeypatch.setattr(relax, "BEND", -2.0)
+    without = bad()
+    assert with_it < 0.1 * without, (with_it, without)  # 0 against 97
 
 
 @pytest.mark.parametrize("many", [0, 10**6])

@@ -13,7 +13,7 @@ from femors_addon.folds import Reference, bad_faces, folded, unfolded
 from femors_addon.mesh import Float, Surface
 from femors_addon.morph_settings import MorphSettings
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.quality import aspect_ratio, flipped_faces, self_intersections
+from femors_addon.quality import aspect_ratio, dihedral_angles, flipped_faces, self_intersections
 from femors_addon.relax import ShapeMatching, averaging, guarded, slide
 
 
@@ -172,11 +172,29 @@ def test_a_guarded_step_never_folds(strength, seed):
         assert np.isfinite(taken).all()
         begun, after = (surface.moved(surface.vertices + move) for move in (smooth, smooth + taken))
         assert len(flipped_faces(begun, after)) == 0
+        was, first, now = (dihedral_angles(state) for state in (surface, begun, after))
+        assert (now <= np.maximum(110.0, first))[was < 60.0].all()  # nor is an edge that was blunt pleated
         # each node goes its own way or stays, never farther
         length = np.linalg.norm(step, axis=1)
         assert (np.linalg.norm(taken, axis=1) <= length + 1e-12).all()
         along = np.einsum("ij,ij->i", taken, step) / length
         assert along == pytest.approx(np.linalg.norm(taken, axis=1), abs=1e-9)
+
+
+def ridge(height: float) -> Surface:
+    """A sheet, raised along its middle: the edges there are bent by twice the slope."""
+    flat = sheet()
+    return flat.moved(flat.vertices + np.where(flat.vertices[:, :1] == 6.0, (0.0, 0.0, height), 0.0))
+
+
+@pytest.mark.parametrize(("height", "taken"), [(0.0, 0.5), (0.5, 0.5), (0.6, 1.0)])
+def test_an_edge_is_bent_to_110_degrees_and_farther_only_where_it_was_sharp(height, taken):
+    """Up to 1.8 it would be 122 degrees; from 0 and from 53 half of the step is taken, from 62 all."""
+    begun, end = ridge(height), ridge(1.8)
+    step = end.vertices - begun.vertices
+    after = guarded(begun, np.zeros_like(step), step, averaging(begun))
+    inner = (step[:, 2] > 0) & ~begun.border
+    assert after[inner, 2] == pytest.approx(taken * step[inner, 2])
 
 
 def test_a_harmless_step_is_taken_in_full():
