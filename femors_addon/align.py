@@ -8,12 +8,14 @@ leads from there (`icp`).
 from __future__ import annotations
 
 import dataclasses
+from functools import partial as bound
 
 import numpy as np
 
 from .crew import at_once
 from .icp import Cloud, Fit, Registration, icp, matched
 from .mesh import Float, Surface
+from .nearest import SurfaceIndex
 from .poses import best_start, canonical_frame, decided
 from .progress import Progress, silent
 from .transforms import inverse, landmark_transform, transformed
@@ -26,6 +28,7 @@ DOUBT_WHOLE = (
     "look at the pose, or give landmarks"
 )
 CHECK_STEPS = 40  # of ICP with all samples, before a mirror image is spoken of
+LOOK = 2000  # nodes of each mesh whose distances decide where the samples do not
 MIRROR_MARGIN = 0.85  # a mirrored fit must be better by this factor to be spoken of
 
 
@@ -102,7 +105,8 @@ def align(
         points = transformed(start, landmarks[0])
         first = landmark_transform(points, landmarks[1], "rigid" if kind == "rigid" else "similarity")
     else:
-        first, mirrored = _choose_hand(work, inverse(canonical), kind, fix_mirror, progress)
+        meshes = source.moved(transformed(start, source.vertices)), target
+        first, mirrored = _choose_hand(work, meshes, inverse(canonical), kind, fix_mirror, progress)
         said += mirrored
     matrix, residual = _refined(work, first, kind, progress)
     progress(1.0, "alignment")
@@ -139,25 +143,38 @@ def _registration(
 
 
 def _choose_hand(
-    work: Registration, own: Float, kind: str, fix: bool, progress: Progress
+    work: Registration,
+    meshes: tuple[Surface, Surface],
+    own: Float,
+    kind: str,
+    fix: bool,
+    progress: Progress,
 ) -> tuple[Float, tuple[str, ...]]:
-    """Best start of the source as it is, and of its mirror image; which, and what to say of it."""
+    """Best start of the source as it is, and of its mirror image; which, and what to say of it.
+
+    `meshes` are the two that `work` has samples of: where the samples tell too little, these do.
+    """
     progress(0.05, "alignment: starting pose")
     plain, other = at_once(
         lambda _: best_start(work, own, kind, np.eye(4)),
         lambda _: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
     )
     words = DOUBT if work.partial != "none" else DOUBT_WHOLE
-    if plain.misfit <= work.tolerance or other.misfit > MIRROR_MARGIN * plain.misfit:
+    margin = MIRROR_MARGIN if work.partial != "none" else 1.0
+    if plain.misfit <= work.tolerance or other.misfit > margin * plain.misfit:
         plain = decided(work, plain, kind)
         return plain.matrix, (words,) if plain.doubtful else ()
     plain, other = at_once(lambda _: decided(work, plain, kind), lambda _: decided(work, other, kind))
     doubt = (words,) if plain.doubtful else ()
     # the search ends with few samples, and one of the two may have stopped short
     one, two = icp(work, np.array([plain.matrix, other.matrix]), kind, CHECK_STEPS)
-    if two.misfit > MIRROR_MARGIN * one.misfit:
+    misfits = one.misfit, two.misfit
+    if MIRROR_MARGIN * one.misfit < two.misfit < margin * one.misfit:
+        one, two = at_once(*(bound(_refined, work, fit.matrix, kind) for fit in (plain, other)))
+        misfits = _apart(*meshes, one.matrix), _apart(*meshes, two.matrix)
+    if misfits[1] > MIRROR_MARGIN * misfits[0]:
         return plain.matrix, doubt
-    better = 100 * (1 - two.misfit / one.misfit)
+    better = 100 * (1 - misfits[1] / misfits[0])
     told = f"the source's mirror image fits the target better by {better:.0f} % (left against right?)"
     if fix:
         doubt = (words,) if other.doubtful else ()
@@ -165,6 +182,20 @@ def _choose_hand(
     if work.partial == "none":  # the wrong hand fits nowhere well
         doubt = ()
     return plain.matrix, (told + "; tick Mirror if better to use it", *doubt)
+
+
+def _apart(source: Surface, target: Surface, matrix: Float) -> float:
+    """Root mean square distance of some nodes of each to the other's surface, the source being moved.
+
+    Samples are as far from the nearest node as nodes are from each other: of a shape that is nearly its own
+    mirror image they tell little.
+    """
+    moved = source.moved(transformed(matrix, source.vertices))
+    squares = [
+        SurfaceIndex(there).closest(here.vertices[:: max(len(here.vertices) // LOOK, 1)]).distance ** 2
+        for here, there in ((moved, target), (target, moved))
+    ]
+    return float(np.sqrt(np.mean([part.mean() for part in squares])))
 
 
 def _refined(work: Registration, first: Float, kind: str, progress: Progress) -> Fit:

@@ -8,10 +8,13 @@ import re
 import numpy as np
 import pytest
 from aligncases import mirrored, off, placed, pose, subjects
+from scipy.spatial.transform import Rotation
 from surfaces import cut
 
 from femors_addon import shapes
 from femors_addon.align import align
+from femors_addon.mesh import Surface
+from femors_addon.nearest import SurfaceIndex
 from femors_addon.progress import FemorsError
 from femors_addon.transforms import homogeneous, transformed
 from femors_addon.units import size_ratio, unit_factor
@@ -36,6 +39,33 @@ def test_a_mirrored_source_is_told_and_mirrored_where_wished(pair, seed):
     assert "it was mirrored" in done.warnings[0]
     assert off(done.matrix, other_side.vertices, pair.truth, pair.target.diagonal) < 0.012
     assert done.residual < 0.5 * told.residual
+
+
+def pebble(seed: int, swelling: float) -> Surface:
+    """An ellipsoid, swollen beside all of its planes of symmetry, by other nodes with each seed."""
+    ball = shapes.sphere(4)
+    unit = Rotation.random(random_state=seed).apply(
+        ball.vertices / np.linalg.norm(ball.vertices, axis=1)[:, None]
+    )
+    away = unit - np.array([1.0, 0.8, 0.7]) / np.linalg.norm([1.0, 0.8, 0.7])
+    height = 1.0 + swelling * np.exp(-np.sum(away**2, axis=1) / 0.3)
+    return Surface(unit * [10.0, 7.0, 5.0] * height[:, None], ball.faces)
+
+
+@pytest.mark.parametrize("swelling", [0.1, 0.12])
+def test_what_is_nearly_its_own_mirror_image_is_told_apart_by_its_surface(swelling):
+    """Samples are farther from the nearest node than the surfaces are from each other, by either hand."""
+    source, target = pebble(1, swelling), pebble(2, swelling)
+    assert align(placed(pose(3), source), target, "affine", fix_mirror=True).warnings == ()
+    other_side = placed(pose(3), mirrored(source))
+    (told,) = align(other_side, target, "affine").warnings
+    assert "mirror image fits the target better by" in told
+    done = align(other_side, target, "affine", fix_mirror=True)
+    assert np.linalg.det(done.matrix[:3, :3]) < 0
+    moved = Surface(transformed(done.matrix, other_side.vertices), mirrored(other_side).faces)
+    assert (
+        SurfaceIndex(target).closest(moved.vertices).distance.max() < 0.05
+    )  # of 20, and 0.2 by the other hand
 
 
 def test_no_mirror_is_seen_where_there_is_none(pair):
