@@ -14,7 +14,6 @@ import numpy as np
 
 from . import triples
 from .bodies import Solid
-from .cached import cached_property
 from .contact import Pair
 from .contact_field import ContactField
 from .crew import together
@@ -63,6 +62,8 @@ class Effort:
         No step goes farther: other bodies stand beside this pair, and have to be able to follow.
     stuck : bool
         The loop has failed on this pair: part it first.
+    clear : bool
+        The two overlapped nowhere before anything moved.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class Effort:
         margin: float,
         stride: float = np.inf,
         stuck: bool = False,
+        clear: bool = True,
     ) -> None:
         self.pair, self._settings, self._stride = pair, settings, stride
         self.target = pair.gap + margin
@@ -83,7 +85,9 @@ class Effort:
         self._steps, self._clear_at = 0, (-1, -1)
         self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
         pair.look(self._reach, self.target)
-        self._clear_at_first = pair.deepest(True) >= 0
+        # how deep it may be pressed in; a sheet has no thickness, and nothing is told of who was deep before
+        closed = [solid.surface for solid in (pair.one, pair.two) if clear and not solid.open_edges]
+        self._room = ROOM * min(map(thickness, closed), default=0.0)
         self.through = settings.continuation and self._begin_parting(stuck)
 
     @property
@@ -95,15 +99,11 @@ class Effort:
         """Whether nothing is left to do, as far as is known."""
         return self.phase != PARTING and self.worst <= 0 and not self.pierced
 
-    @cached_property
-    def _room(self) -> float:
-        return ROOM * min(thickness(self.pair.one.surface), thickness(self.pair.two.surface))
-
     @property
     def squeeze(self) -> float:
         """How much of its room, from 0 to 1, is taken where others press a pair together that was clear."""
         depth = self.missing - self.target
-        return min(depth / self._room, 1.0) if depth > 0 and self._clear_at_first and self._room > 0 else 0.0
+        return min(depth / self._room, 1.0) if depth > 0 and self._room > 0 else 0.0
 
     def forget(self) -> None:
         """Measure everything anew the next time, even where nothing moved: what was known was wrong."""
@@ -158,7 +158,7 @@ class Effort:
         if not len(asked):
             return None
         asked = np.minimum(asked, self._stride)
-        if squeeze > self.squeeze:
+        if squeeze > self.squeeze and self._room > 0:
             asked = np.minimum(asked, (1.0 - squeeze) * self._room)
         if strict:
             return ContactField.fitted(contacts, asked, self.spread, np.zeros(len(asked)), ROUNDS)

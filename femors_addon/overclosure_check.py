@@ -110,7 +110,7 @@ def find(
             finding = next(measured)
             if finding is not None:
                 found.append(finding)
-    return sorted(found, key=lambda f: f.least)
+    return sorted(found, key=lambda f: -f.edge_depth if f.edge_depth and f.least >= 0 else f.least)
 
 
 def gap_map(

@@ -25,7 +25,6 @@ SHAPE_ROUNDS = 10  # moves of shape matching between two projections
 SHAPE_STEP = 0.8
 FLOOR = 0.02  # weight of a face without distortion, where one that is badly distorted has one
 TURN = 0.3  # cosine: no step may turn a face farther than this from its neighbourhood
-TILTED = 0.9  # cosine: where no face is turned as far, no edge is bent much
 BLUNT, BEND = 0.5, -0.34  # cosines of two faces: an edge of less than 60 degrees is bent to 110 at most
 PRESSED = 1e-3  # of its area under that displacement: a face of less is pressed flat
 SMOOTH = 8  # rounds of averaging that make a displacement take each neighbourhood along as one
@@ -262,13 +261,14 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
 
     share, nothing = np.ones((len(step), 1)), np.zeros((len(step), 1))
     faces: Int = np.arange(len(corners), dtype=np.int32)
-    turns = facing(faces, share)
-    faces, pairs = faces[turns < TURN], blunt(turns < TILTED)
-    pairs = pairs[bent(pairs, share) < BEND]
+    normal = directions(faces, share)
+    pleated = np.zeros(len(corners), dtype=bool)
+    pleated[beside[triples.dot(normal[beside[:, 0]], normal[beside[:, 1]]) < BEND]] = True
+    faces, pairs = faces[triples.dot(upright, normal) < TURN], blunt(pleated)
     for factor in (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0):
         over = facing(faces, share) < np.minimum(TURN, facing(faces, nothing))
-        pleated = bent(pairs, share) < np.minimum(BEND, bent(pairs, nothing))
-        turned = np.union1d(faces[over], pairs[pleated].ravel())
+        sharp = bent(pairs, share) < np.minimum(BEND, bent(pairs, nothing))
+        turned = np.union1d(faces[over], pairs[sharp].ravel())
         turned = turned[(share[corners[turned], 0] > 0).any(axis=1)]
         if not len(turned):
             break

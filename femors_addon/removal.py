@@ -200,6 +200,7 @@ class Removal:
         if settings.method != "grnn":
             settings = dataclasses.replace(settings, continuation=False)
         left, boxes = self._left(self.before), self._boxes()
+        deep = {finding.names for finding in self.before if finding.state in (OVERLAP, CONTAINED)}
         jobs = []
         for i, j in pairs:
             one, two = self.solids[i], self.solids[j]
@@ -209,7 +210,8 @@ class Removal:
             for side in pair.sides:
                 side.bound = bounds.pop((side.body.name, side.other.name), side.bound)
             stride = self._stride((i, j), left, boxes)
-            jobs.append(partial(Effort, pair, settings, margin, stride, pair.names in stuck))
+            at_first = pair.names in stuck, pair.names not in deep
+            jobs.append(partial(Effort, pair, settings, margin, stride, *at_first))
         return together(jobs)
 
     def _removed(
@@ -261,7 +263,8 @@ class Removal:
         left = [finding for finding in self._left(self.after) if finding.names not in through]
         stuck = {finding.names for finding in left}
         edge = min(solid.surface.mean_edge for solid in self.solids)
-        little = max((finding.depth for finding in left), default=np.inf) < NEARLY * edge
+        depths = (max(finding.depth, finding.edge_depth) for finding in left)
+        little = max(depths, default=np.inf) < NEARLY * edge
         here = [(solid.points, solid.held) for solid in self.solids]
         for shaken in (0.0, *SHAKEN) if little else (0.0,):
             for solid in self.solids:

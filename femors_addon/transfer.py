@@ -87,8 +87,8 @@ class Transferred:
 
 
 def distinct(points: Float) -> Int:
-    """Return the first row of each place among points (p, 3), ascending."""
-    return np.sort(np.unique(points, axis=0, return_index=True)[1])
+    """Return one row for each place among points (p, 3)."""
+    return np.unique(points, axis=0, return_index=True)[1]
 
 
 class Transfer:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from solids import box, hexes, moved, sphere
+from solids import box, gaps, hexes, moved, sphere
 
 from femors_addon.bodies import Body, Solid, shares
 from femors_addon.contact import Pair
@@ -138,6 +138,45 @@ def test_an_edge_far_from_any_node_that_is_looked_at_is_measured_where_it_is(els
             true = SurfaceIndex(side.other.surface).signed(points)
             assert side.on_edges.gaps == pytest.approx(true, abs=1e-9)
     assert pair.sides[0].on_edges.gaps.min() == pytest.approx(-0.7, abs=0.02)
+
+
+def slab_or_ball(number: int) -> Surface:
+    return (hexes((12, 4, 2), (20, 4, 1.5), bend=0.01).surface()[0], sphere(2, 4.0), box(1, 3.0))[number % 3]
+
+
+@pytest.mark.parametrize("seed", range(1, 24))
+def test_places_on_edges_equal_brute_force_while_bodies_move(seed):
+    """A coarse body in any pose, in a finer one, tiny to huge; the reach is short beside its edges."""
+    random = np.random.default_rng(seed)
+    scale, reach = 10.0 ** random.choice([-3, 0, 3]), (0.05 if seed % 3 else 0.5)
+    block = (
+        box(1 + seed % 2, 2.0).vertices
+        * random.uniform(0.3, 6.0, 3)
+        @ Rotation.random(random_state=seed).as_matrix()
+    )
+    block = scale * (block + 2.0 * random.normal(size=3))
+    other = slab_or_ball(seed)
+    one = Solid(Body("one", Surface(block, box(1 + seed % 2, 2.0).faces)), 0.5)
+    two = Solid(Body("two", Surface(scale * other.vertices, other.faces)), 0.5)
+    pair, places = Pair(one, two, 0.01 * scale), 0
+    for number in range(4):
+        if number:
+            step = 0.3 * scale * random.normal(size=3)
+            two.move(np.arange(len(two.points)), np.tile(step, (len(two.points), 1)))
+            far = float(np.linalg.norm(step))
+            pair.moved({"two": (np.full(len(two.vertices), far), far)})
+            pair.catch_up()
+        for look in (lambda: pair.look(reach * scale, 0.01 * scale), pair.pierce):
+            look()
+            look()  # again, with what is known
+            for side in pair.sides:
+                true = gaps(side.between(side.body.vertices), side.other.surface)
+                assert side.on_edges.gaps == pytest.approx(true, abs=1e-7 * scale)
+                places += len(true)
+        assert pair.pierce() == sum(
+            len(np.unique(piercings(a.surface, b.surface).edge)) for a, b in ((one, two), (two, one))
+        )
+    assert places
 
 
 def test_a_region_has_every_face_that_reaches_into_the_box():

@@ -8,6 +8,7 @@ from solids import box, gaps, moved, sphere
 
 from femors_addon.bodies import Body
 from femors_addon.edge_gaps import least_between
+from femors_addon.findings import Finding
 from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureSettings, check_overclosure, remove_overclosure
 
@@ -71,6 +72,21 @@ def test_edges_that_are_less_deep_than_nodes_go_without_a_word():
     (found,) = check_overclosure([Body("a", sphere(3)), Body("b", moved(sphere(2), (19.0, 0.3, 0.2)))])
     assert 0.04 < found.edge_depth < found.depth
     assert f": overlap, {found.depth:.4g} deep, " in str(found)
+
+
+@pytest.mark.parametrize(("edge", "words"), [(0.3, "0.1 deep at nodes, 0.3 on edges"), (0.1005, "0.1 deep")])
+def test_edges_that_are_deeper_than_nodes_are_told_beside_them(edge, words):
+    place = (0.0, 0.0, 0.0)
+    found = Finding("a", "b", 0.0, -0.1, (1, 0), 1, "", place, None, "overlap", edge_depth=edge)
+    assert found.deep == words and f": overlap, {words}, 1 node closer" in str(found)
+
+
+def test_the_deepest_pair_comes_first_by_nodes_or_where_there_are_none_by_edges():
+    low, high = Body("low", beam(0.0, 0.0)), Body("high", beam(8**0.5 - 1.0, 90.0))
+    balls = [Body(f"ball{n}", moved(sphere(2), (100.0 + 19.6 * n, 0.3, 0.2))) for n in range(2)]
+    found = check_overclosure([*balls, low, high])
+    assert [finding.one for finding in found] == ["low", "ball0"]
+    assert found[0].depth == 0.0 and found[0].edge_depth > found[1].depth > 0.0
 
 
 def test_a_certificate_says_how_near_edges_come_beside_the_gap_of_nodes():

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from solids import hexes, sphere
+from solids import hexes, moved, sphere
 
 from femors_addon import passing
 from femors_addon.bodies import Body, Solid
@@ -15,6 +15,7 @@ from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureResult, OverclosureSettings, remove_overclosure
 from femors_addon.passing import passed
 from femors_addon.progress import Cancelled, silent
+from femors_addon.removal_loop import _beside
 
 
 def plate(x: float) -> Surface:
@@ -62,16 +63,59 @@ def test_a_pair_waits_for_those_that_it_has_pressed_together():
     assert steps[0] > 2 * room and steps[1] == pytest.approx(0.5 * room, rel=0.2) and steps[2] == 0.0
 
 
-@pytest.mark.parametrize(("x", "squeeze"), [(0.9, 0.0), (0.37, 0.0)])
-def test_only_who_was_clear_and_is_deep_by_now_is_squeezed(x, squeeze):
-    one, two = Solid(Body("one", plate(0.0)), 0.5), Solid(Body("two", plate(x)), 0.5)
-    effort = Effort(Pair(one, two, 0.02), OverclosureSettings(continuation=False), 0.0)
+def pressed(clear: bool = True, open_side: bool = False) -> Effort:
+    """Two plates, the second perhaps without its far side, that come to be an eighth of a thickness deep."""
+    far = plate(0.9)
+    if open_side:
+        far = Surface(far.vertices, far.faces[far.corners[:, :, 0].min(axis=1) < 1.0])
+    one, two = Solid(Body("one", plate(0.0)), 0.5), Solid(Body("two", far), 0.5)
+    effort = Effort(Pair(one, two, 0.02), OverclosureSettings(continuation=False), 0.0, clear=clear)
     effort.field()
-    assert effort.squeeze == squeeze
-    two.put(two.points - [x - 0.35, 0.0, 0.0])  # 0.05 deep, of 0.4
+    assert effort.squeeze == 0.0
+    two.put(two.points - [0.55, 0.0, 0.0])
     effort.forget()
-    effort.field()
-    assert effort.squeeze == (pytest.approx(0.5, abs=0.1) if x > 0.4 else 0.0)
+    assert effort.field() is not None
+    return effort
+
+
+def test_only_who_was_clear_and_is_deep_by_now_is_squeezed():
+    assert pressed().squeeze == pytest.approx(0.5, abs=0.1)
+    assert pressed(clear=False).squeeze == 0.0
+    assert pressed(open_side=True).squeeze == pytest.approx(0.5, abs=0.1)  # the other's thickness counts
+
+
+def test_who_is_squeezed_more_does_not_wait():
+    steps = []
+    for squeeze in (0.0, 0.3, 1.0):
+        effort = pressed()
+        effort.forget()
+        field = effort.field(squeeze)
+        assert field is not None
+        steps.append(float(np.abs(field(effort.pair.one.vertices)[1]).max(initial=0.0)))
+    assert steps[0] == steps[1] > 0.02 and steps[2] == 0.0
+
+
+def test_pairs_of_sheets_neither_wait_nor_are_waited_for():
+    square = plate(0.0)
+    square = Surface(square.vertices, square.faces[square.corners[:, :, 0].max(axis=1) < 0.0])
+    square = moved(square, 0.001 * square.vertices**2 @ [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    one, two = Solid(Body("one", square), 0.5), Solid(Body("two", moved(square, (-0.005, 0.0, 0.0))), 0.5)
+    fields = [
+        Effort(Pair(one, two, 0.02), OverclosureSettings(), 0.0).field(squeeze) for squeeze in (0.0, 1.0)
+    ]
+    assert fields[0] is not None and fields[1] is not None
+    assert fields[0].vectors.any() and np.array_equal(fields[0].vectors, fields[1].vectors)
+
+
+def test_beside_a_pair_are_those_with_a_body_in_common_that_moves():
+    rigid = Solid(Body("wall", plate(0.0)), 0.0)
+    a, b, c = (Solid(Body(name, plate(0.5 + n)), 0.5) for n, name in enumerate("abc"))
+    efforts = [
+        Effort(Pair(*two, 0.02), OverclosureSettings(), 0.0)
+        for two in ((rigid, a), (rigid, b), (a, b), (b, c), (rigid, c))
+    ]
+    numbers = [sorted(efforts.index(other) for other in others) for others in _beside(efforts)]
+    assert numbers == [[2], [2, 3], [0, 1, 3], [1, 2, 4], [3]]
 
 
 def test_what_is_deep_elsewhere_makes_no_step_longer():

@@ -197,6 +197,24 @@ def test_an_edge_is_bent_to_110_degrees_and_farther_only_where_it_was_sharp(heig
     assert after[inner, 2] == pytest.approx(taken * step[inner, 2])
 
 
+def test_an_edge_that_is_pleated_already_may_go_along():
+    flat, pleated = sheet(), ridge(1.8)
+    step = np.tile([1.0, 2.0, 3.0], (len(flat.vertices), 1))
+    displacement = pleated.vertices - flat.vertices
+    assert np.array_equal(guarded(flat, displacement, step, averaging(flat)), step)
+
+
+@pytest.mark.parametrize("stretch", [1.0, 1.6, 2.2])
+def test_an_edge_is_held_wherever_its_surroundings_go(stretch):
+    """Stretched along its height as a whole, no face turns far from its surroundings."""
+    low = ridge(0.56)  # 58 degrees
+    displacement = low.vertices * [0.0, 0.0, stretch - 1.0]
+    begun = low.moved(low.vertices + displacement)
+    step = ridge(1.9).vertices - begun.vertices
+    after = begun.moved(begun.vertices + guarded(low, displacement, step, averaging(low)))
+    assert 80.0 < dihedral_angles(after).max() <= 110.0
+
+
 def test_a_harmless_step_is_taken_in_full():
     bone = shapes.bone(700)
     turn = Rotation.from_rotvec((0.1, 0.2, 0.3)).as_matrix()

@@ -68,6 +68,7 @@ def test_ascii_stl_coordinates_survive_to_ten_digits(tmp_path):
         ("hello, this is not a mesh\n" * 20, ["text", "'solid'"]),
         ("short", ["text"]),
         (b"ply\nformat binary_little_endian 1.0\n" + bytes(100), ["PLY file", "give it the ending .ply"]),
+        (b"ply\r\nformat ascii 1.0\r\n" + b" " * 100, ["PLY file"]),
         (b"\0\1", ["84"]),
         (stl_bytes(TETRA[TETRA_FACES])[:-20], ["truncated", "4 triangles", "284 bytes", "264"]),
         (stl_bytes(TETRA[TETRA_FACES]) + b"\0", ["4 triangles", "285"]),
