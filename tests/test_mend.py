@@ -243,19 +243,17 @@ def test_thin_plates_that_cannot_be_laid_out_anew_step_back(monkeypatch):
 
 def test_plates_that_are_laid_down_without_pleats_have_less_to_mend(monkeypatch):
     """Crossing faces begin as pleats, which each step may keep from coming up at all."""
-    source, target = blade(3, 0.02, 3.0, 0.4), blade(3, 0.03, 1.0, -0.3)
+    source, target = blade(3, 0.025, 2.0, 0.3), blade(3, 0.04, 1.0, 0.1)
     monkeypatch.setattr(morphing, "mended", lambda rest, aligned, displacement, *_: (displacement, 1))
 
     def bad():
-        result = morphing.morph(source, target)
-        told = any("pleats" in warning for warning in result.warnings)
-        return result.after.flipped + result.after.self_intersecting, told
+        after = morphing.morph(source, target).after
+        return after.flipped + after.self_intersecting
 
-    with_it, told = bad()
+    with_it = bad()
     monkeypatch.setattr(relax, "BEND", -2.0)
-    without, told_without = bad()
-    assert with_it < 0.1 * without, (with_it, without)  # 0 against 97
-    assert told_without and not told
+    without = bad()
+    assert with_it < 0.1 * without, (with_it, without)  # 0 against 72
 
 
 @pytest.mark.parametrize("many", [0, 10**6])

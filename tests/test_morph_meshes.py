@@ -9,10 +9,9 @@ from morphs import GOAL, SMALL, finite, subjects
 from solids import hexes, moved
 from surfaces import cut, soup, together
 
-from femors_addon import cli_morph, shapes
+from femors_addon import cli_morph, morph_outcome, shapes
 from femors_addon.mesh import Float, Surface, triangulate
 from femors_addon.morph import MorphResult, MorphSettings, morph
-from femors_addon.morph_outcome import _pleated
 from femors_addon.progress import FemorsError
 
 
@@ -214,11 +213,16 @@ def roof(height: float) -> Surface:
     ],
 )
 def test_pleats_are_told_that_neither_mesh_has(before, after, target, told):
-    notes = _pleated(roof(before), roof(after), roof(target))
+    notes = morph_outcome._pleated(roof(before), roof(after), roof(target))
     assert len(notes) == told
     if told:
         assert notes[0].startswith("1 edge is bent by more than 120 degrees, by less than 60 in the source: ")
         assert notes[0].endswith(f"look near (0, 0.5, {after:g})")
+
+
+def test_what_is_to_be_said_of_pleats_is_said_with_the_result(monkeypatch):
+    monkeypatch.setattr(morph_outcome, "_pleated", lambda *surfaces: (f"pleats of {len(surfaces)}",))
+    assert "pleats of 3" in morph(SMALL, GOAL).warnings
 
 
 def test_a_good_morph_has_no_pleats(clean_result):

@@ -99,7 +99,8 @@ def test_pairs_of_sheets_neither_wait_nor_are_waited_for():
     square = plate(0.0)
     square = Surface(square.vertices, square.faces[square.corners[:, :, 0].max(axis=1) < 0.0])
     square = moved(square, 0.001 * square.vertices**2 @ [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    one, two = Solid(Body("one", square), 0.5), Solid(Body("two", moved(square, (-0.005, 0.0, 0.0))), 0.5)
+    facing = Surface(square.vertices - [0.005, 0.0, 0.0], square.faces[:, ::-1])
+    one, two = Solid(Body("one", square), 0.5), Solid(Body("two", facing), 0.5)
     fields = [
         Effort(Pair(one, two, 0.02), OverclosureSettings(), 0.0).field(squeeze) for squeeze in (0.0, 1.0)
     ]

@@ -204,15 +204,19 @@ def test_an_edge_that_is_pleated_already_may_go_along():
     assert np.array_equal(guarded(flat, displacement, step, averaging(flat)), step)
 
 
-@pytest.mark.parametrize("stretch", [1.0, 1.6, 2.2])
+@pytest.mark.parametrize("stretch", [1.6, 2.2])
 def test_an_edge_is_held_wherever_its_surroundings_go(stretch):
-    """Stretched along its height as a whole, no face turns far from its surroundings."""
-    low = ridge(0.56)  # 58 degrees
-    displacement = low.vertices * [0.0, 0.0, stretch - 1.0]
-    begun = low.moved(low.vertices + displacement)
-    step = ridge(1.9).vertices - begun.vertices
+    """A roof is stretched as a whole, and steeper still: no face turns far from its surroundings."""
+
+    def roof(slope: float) -> Surface:
+        flat = sheet()
+        up = slope * (6.0 - np.abs(flat.vertices[:, :1] - 6.0))
+        return flat.moved(flat.vertices + up * (0.0, 0.0, 1.0))
+
+    low, begun, steep = roof(0.56), roof(0.56 * stretch), roof(1.9)  # bent by 58, 84 or 102, and 125 degrees
+    displacement, step = begun.vertices - low.vertices, steep.vertices - begun.vertices
     after = begun.moved(begun.vertices + guarded(low, displacement, step, averaging(low)))
-    assert 80.0 < dihedral_angles(after).max() <= 110.0
+    assert 60.0 < dihedral_angles(after).max() <= 110.0
 
 
 def test_a_harmless_step_is_taken_in_full():
