@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from solids import hexes, moved, sphere
+from scipy.spatial.transform import Rotation
+from solids import box, hexes, moved, sphere
 
 from femors_addon import passing
 from femors_addon.bodies import Body, Solid
@@ -15,6 +16,7 @@ from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureResult, OverclosureSettings, remove_overclosure
 from femors_addon.passing import passed
 from femors_addon.progress import Cancelled, silent
+from femors_addon.removal import Removal
 from femors_addon.removal_loop import _beside
 
 
@@ -117,6 +119,20 @@ def test_beside_a_pair_are_those_with_a_body_in_common_that_moves():
     ]
     numbers = [sorted(efforts.index(other) for other in others) for others in _beside(efforts)]
     assert numbers == [[2], [2, 3], [0, 1, 3], [1, 2, 4], [3]]
+
+
+def test_who_overlapped_from_the_start_has_no_room_to_be_squeezed_in():
+    """By edges alone, too: two beams cross with their ridges, and no node is inside."""
+    unit = box(1, 2.0)
+    low = Rotation.from_euler("x", 45.0, degrees=True).apply(unit.vertices * [5.0, 1.0, 1.0])
+    high = Rotation.from_euler("z", 90.0, degrees=True).apply(low) + [0.0, 0.0, 8**0.5 - 0.3]
+    beams = [Body(name, Surface(v, unit.faces)) for name, v in (("low", low), ("high", high))]
+    over = hexes((8, 8, 2), (8.0, 8.0, 0.4), centre=(0.0, 0.0, 4.2)).surface()[0]  # 0.05 above
+    removal = Removal([*beams, Body("over", over)], OverclosureSettings(gap=0.02, band=0.3), (), {}, None)
+    removal.run(silent)
+    assert removal.before[0].names == ("low", "high") and removal.before[0].depth == 0.0
+    room = {effort.pair.names: effort._room for effort in removal.efforts}
+    assert room["low", "high"] == 0.0 and room["high", "over"] > 0.05
 
 
 def test_what_is_deep_elsewhere_makes_no_step_longer():
