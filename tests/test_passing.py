@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from solids import box, hexes, moved, sphere
+from solids import box, hexes, sphere
 
 from femors_addon import passing
 from femors_addon.bodies import Body, Solid
@@ -97,12 +97,12 @@ def test_who_is_squeezed_more_does_not_wait():
     assert steps[0] == steps[1] > 0.02 and steps[2] == 0.0
 
 
-def test_pairs_of_sheets_neither_wait_nor_are_waited_for():
-    square = plate(0.0)
-    square = Surface(square.vertices, square.faces[square.corners[:, :, 0].max(axis=1) < 0.0])
-    square = moved(square, 0.001 * square.vertices**2 @ [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    facing = Surface(square.vertices - [0.005, 0.0, 0.0], square.faces[:, ::-1])
-    one, two = Solid(Body("one", square), 0.5), Solid(Body("two", facing), 0.5)
+def test_pairs_of_open_bodies_neither_wait_nor_are_waited_for():
+    """Two plates 0.005 apart, each without its far side: how thick they are is not known."""
+    low, high = plate(0.0), plate(0.405)
+    low = Surface(low.vertices, low.faces[low.corners[:, :, 0].max(axis=1) > -0.1])
+    high = Surface(high.vertices, high.faces[high.corners[:, :, 0].min(axis=1) < 0.5])
+    one, two = Solid(Body("one", low), 0.5), Solid(Body("two", high), 0.5)
     fields = [
         Effort(Pair(one, two, 0.02), OverclosureSettings(), 0.0).field(squeeze) for squeeze in (0.0, 1.0)
     ]
