@@ -147,7 +147,7 @@ def _write(
             names = (Path(args.source).stem, Path(args.target).stem)
             paths[args.field].write_bytes(figures.kept(*names, date).placed(stand).encoded())
     mirrored = (
-        "mirrored; faces keep their corners' order, and so point inward: turn them for the next program"
+        "mirrored; faces keep their corners' order, and so point the other way: turn them if it matters"
     )
     return [
         # only surfaces get here mirrored: volumes refuse

@@ -85,9 +85,9 @@ class Effort:
         self._steps, self._clear_at = 0, (-1, -1)
         self._way, self._left, self._whole, self._press = np.zeros(3), 0.0, 0.0, 0.0
         pair.look(self._reach, self.target)
-        # how deep it may be pressed in; a sheet has no thickness, and nothing is told of who was deep before
-        closed = [solid.surface for solid in (pair.one, pair.two) if clear and not solid.open_edges]
-        self._room = ROOM * min(map(thickness, closed), default=0.0)
+        self._clear = clear
+        closed = [solid.surface for solid in (pair.one, pair.two) if not solid.open_edges]
+        self._room = ROOM * min(map(thickness, closed), default=0.0)  # how thick a sheet is cannot be told
         self.through = settings.continuation and self._begin_parting(stuck)
 
     @property
@@ -103,7 +103,7 @@ class Effort:
     def squeeze(self) -> float:
         """How much of its room, from 0 to 1, is taken where others press a pair together that was clear."""
         depth = self.missing - self.target
-        return min(depth / self._room, 1.0) if depth > 0 and self._room > 0 else 0.0
+        return min(depth / self._room, 1.0) if self._clear and depth > 0 and self._room > 0 else 0.0
 
     def forget(self) -> None:
         """Measure everything anew the next time, even where nothing moved: what was known was wrong."""

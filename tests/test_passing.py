@@ -121,7 +121,7 @@ def test_beside_a_pair_are_those_with_a_body_in_common_that_moves():
     assert numbers == [[2], [2, 3], [0, 1, 3], [1, 2, 4], [3]]
 
 
-def test_who_overlapped_from_the_start_has_no_room_to_be_squeezed_in():
+def test_who_overlapped_from_the_start_is_not_squeezed():
     """By edges alone, too: two beams cross with their ridges, and no node is inside."""
     unit = box(1, 2.0)
     low = Rotation.from_euler("x", 45.0, degrees=True).apply(unit.vertices * [5.0, 1.0, 1.0])
@@ -131,8 +131,18 @@ def test_who_overlapped_from_the_start_has_no_room_to_be_squeezed_in():
     removal = Removal([*beams, Body("over", over)], OverclosureSettings(gap=0.02, band=0.3), (), {}, None)
     removal.run(silent)
     assert removal.before[0].names == ("low", "high") and removal.before[0].depth == 0.0
-    room = {effort.pair.names: effort._room for effort in removal.efforts}
-    assert room["low", "high"] == 0.0 and room["high", "over"] > 0.05
+    for effort in removal.efforts:
+        effort.missing = 1.0  # as if it were deep by now
+    squeezed = {effort.pair.names: effort.squeeze for effort in removal.efforts}
+    assert squeezed["low", "high"] == 0.0 and squeezed["high", "over"] == 1.0
+
+
+@pytest.mark.parametrize("x", [0.6, 0.39])
+def test_a_wall_that_is_in_the_first_plate_from_the_start_waits_too(x):
+    bodies = [Body("wall", plate(0.0), 0.0), Body("first", plate(x)), Body("second", plate(1.5))]
+    settings = OverclosureSettings(gap=0.02, band=0.05)
+    result = remove_overclosure(bodies, settings, gaps={("wall", "first"): 2.0})
+    assert result.certified and in_order(result)
 
 
 def test_what_is_deep_elsewhere_makes_no_step_longer():
