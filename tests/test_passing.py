@@ -137,12 +137,13 @@ def test_who_overlapped_from_the_start_is_not_squeezed():
     assert squeezed["low", "high"] == 0.0 and squeezed["high", "over"] == 1.0
 
 
-@pytest.mark.parametrize("x", [0.6, 0.39])
-def test_a_wall_that_is_in_the_first_plate_from_the_start_waits_too(x):
-    bodies = [Body("wall", plate(0.0), 0.0), Body("first", plate(x)), Body("second", plate(1.5))]
-    settings = OverclosureSettings(gap=0.02, band=0.05)
-    result = remove_overclosure(bodies, settings, gaps={("wall", "first"): 2.0})
-    assert result.certified and in_order(result)
+def test_who_overlapped_from_the_start_waits_too():
+    for squeeze, still in ((0.0, False), (1.0, True)):
+        effort = pressed(clear=False)
+        effort.forget()
+        field = effort.field(squeeze)
+        assert field is not None
+        assert (not field(effort.pair.one.vertices)[1].any()) == still
 
 
 def test_what_is_deep_elsewhere_makes_no_step_longer():
