@@ -187,7 +187,7 @@ def test_what_is_not_reached_is_written_and_told(folder, capsys):
         (["one.stl", "two.stl"], "-o OUTDIR is needed"),
         (["one.stl", "-o", "out"], "at least two"),
         (["one.stl", "one.stl", "-o", "out"], "one"),
-        (["one.stl", "two.stl", "-o", "out", "--gap", "-1"], "Minimum gap"),
+        (["one.stl", "two.stl", "-o", "out", "--gap", "-1"], "--gap: -1.0 is outside"),
         (["one.stl", "two.stl", "-o", "out", "--rigid", "three"], "there is no such body"),
         (["one.stl", "two.stl", "-o", "out", "--share", "one"], "NAME=S is needed"),
         (["one.stl", "two.stl", "-o", "out", "--share", "one=x"], "is not a number"),
