@@ -171,7 +171,8 @@ def _choose_hand(
     misfits = one.misfit, two.misfit
     if MIRROR_MARGIN * one.misfit < two.misfit < margin * one.misfit:
         one, two = at_once(*(bound(_refined, work, fit.matrix, kind) for fit in (plain, other)))
-        misfits = _apart(*meshes, one.matrix), _apart(*meshes, two.matrix)
+        index = SurfaceIndex(meshes[1])
+        misfits = _apart(meshes[0], index, one.matrix), _apart(meshes[0], index, two.matrix)
     if misfits[1] > MIRROR_MARGIN * misfits[0]:
         return plain.matrix, doubt
     better = 100 * (1 - misfits[1] / misfits[0])
@@ -184,15 +185,15 @@ def _choose_hand(
     return plain.matrix, (told + "; tick Mirror if better to use it", *doubt)
 
 
-def _apart(source: Surface, target: Surface, matrix: Float) -> float:
+def _apart(source: Surface, target: SurfaceIndex, matrix: Float) -> float:
     """Root mean square distance of some nodes of each to the other's surface, the source being moved.
 
     Samples are as far from the nearest node as nodes are from each other: of a shape that is nearly its own
     mirror image they tell little.
     """
-    moved = source.moved(transformed(matrix, source.vertices))
+    moved = SurfaceIndex(source.moved(transformed(matrix, source.vertices)))
     squares = [
-        SurfaceIndex(there).closest(here.vertices[:: max(len(here.vertices) // LOOK, 1)]).distance ** 2
+        there.closest(here.surface.vertices[:: max(len(here.surface.vertices) // LOOK, 1)]).distance ** 2
         for here, there in ((moved, target), (target, moved))
     ]
     return float(np.sqrt(np.mean([part.mean() for part in squares])))
