@@ -126,9 +126,9 @@ def _shared(away: Float, limit: float, size: float, here: str, there: str) -> tu
     gap = gap if gap > ROUNDED * size else 0.0
     share = 100.0 * float(np.mean(away <= limit)) if len(away) else 100.0
     share = min(share, PARTLY - 0.1) if gap > limit else max(np.floor(10.0 * share) / 10.0, PARTLY)
-    measured = f"{share:.1f} % of {here} are within {limit:.3g} of {there}, where half should be"
+    measured = f"half of {here} are within {gap:.3g} of {there}"
     start = "not converged:" if gap > limit else "converged over the shared part:"
-    return gap <= limit, f"{start} {measured} (half are within {gap:.3g})"
+    return gap <= limit, f"{start} {measured}; {limit:.3g} is asked for, and {share:.1f} % are within that"
 
 
 def part_of_whole(
