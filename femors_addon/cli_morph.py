@@ -180,7 +180,8 @@ def _faults(result: MorphResult, source: Surface) -> list[str]:
     """Return why a result is not to be trusted blindly, in words."""
     faults = [] if result.converged else [result.stop_reason]
     faults += [] if result.steering is None else result.steering.faults
-    faults += result.faults
+    if result.faults:  # faces that fold over or cross, counted together: not once more by kind
+        return [*faults, *result.faults]
     if result.after.flipped:
         faults.append(
             counted(result.after.flipped, "face of the result is flipped", "faces of the result are flipped")
