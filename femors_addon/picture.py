@@ -19,6 +19,8 @@ from .triples import unit
 Colours = Float | tuple[float, float, float]
 BONE = (0.83, 0.80, 0.74)
 """sRGB colour of a surface that shows no quantity."""
+HEIGHT, LONG = 480, 720  # pixels: of a picture, and of one that is slender
+SLENDER = 0.4  # width over height: of a long bone
 FINER = 2  # samples across a pixel
 MARGIN = 0.04  # of the picture, around what is shown
 
@@ -53,6 +55,13 @@ class View:
     centre: Float
     scale: float
     aspect: float
+
+    def placed(self, points: Float, shape: tuple[int, int]) -> Float:
+        """Return places (p, 2), across and down, of points (p, 3) in a picture of such rows and columns."""
+        tall, wide = shape
+        factor, centred = tall / (2.0 * self.scale), points - self.centre
+        across, up = centred @ self.right * factor, centred @ self.up * factor
+        return np.column_stack((across + wide / 2, tall / 2 - up))
 
 
 def views(surfaces: list[Surface], count: int = 2) -> list[View]:
@@ -98,8 +107,9 @@ class Look:
     parts: tuple[tuple[Surface, Int, Int, Float, Float], ...]
 
     @classmethod
-    def of(cls, surfaces: Sequence[Surface], view: View, height: int = 480) -> Look:
-        """Draw surfaces, lit from the eye's upper left."""
+    def of(cls, surfaces: Sequence[Surface], view: View, height: int = 0) -> Look:
+        """Draw surfaces, lit from the eye's upper left; so many pixels tall, or as tall as suits."""
+        height = height or (LONG if view.aspect < SLENDER else HEIGHT)
         tall = height * FINER
         wide = max(round(view.aspect * height), 16) * FINER
         light = unit((0.35 * view.up - 0.35 * view.right + view.towards)[None])[0]
@@ -134,8 +144,8 @@ class Look:
         return png(np.clip(np.rint(255 * from_linear(small)), 0, 255).astype(np.uint8))
 
 
-def picture(shown: Sequence[Shown], view: View, height: int = 480) -> bytes:
-    """Return a PNG of surfaces on white, lit from the eye's upper left."""
+def picture(shown: Sequence[Shown], view: View, height: int = 0) -> bytes:
+    """Return a PNG of surfaces on white, lit from the eye's upper left; its height as in `Look.of`."""
     return Look.of([one.surface for one in shown], view, height).coloured([one.colours for one in shown])
 
 
@@ -151,10 +161,8 @@ def _draw(
 ) -> None:
     """Write a surface into the samples in which it is nearer than what was drawn before."""
     wide, tall = size
-    centred = surface.vertices - view.centre
-    factor = tall / (2.0 * view.scale)
-    flat = np.column_stack((centred @ view.right * factor + wide / 2, tall / 2 - centred @ view.up * factor))
-    nearness = (centred @ view.towards)[surface.faces]
+    flat = view.placed(surface.vertices, (tall, wide))
+    nearness = ((surface.vertices - view.centre) @ view.towards)[surface.faces]
     for cells, faces, shares in fragments(flat[surface.faces], wide, tall):
         near = np.einsum("kc,kc->k", shares, nearness[faces])
         left = np.flatnonzero(near > depth[cells])

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from .callouts import named
 from .carry import FADE
 from .cleaning import clean
 from .landmarks import Prediction
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
-from .picture import BONE, Shown, facing, picture, views
+from .picture import BONE, FINER, Colours, Look, View, facing, views
 from .plots import histogram
 from .quality import Stat
 from .regions import Region
@@ -25,6 +26,7 @@ from .transfer import Transfer, Transferred, distinct
 
 DOT, DOT_SIZE = (0.80, 0.18, 0.12), 0.012  # a landmark in pictures: colour, and radius of the size
 NUDGE = 1e-3  # of the size: so much nearer to the eye is drawn what was carried
+NAMED = 40  # landmarks in a picture: the names of more would be a thicket
 CARRIED = (0.45, 0.66, 0.38)
 ROUNDING = 1e-7  # of the size
 FEW = 30  # points: fewer make no histogram
@@ -223,22 +225,21 @@ def transfer_figures(
     ):
         if surface is None:
             continue
-        base = Shown(surface, colour if weights is None else _mixed(weights, colour))
+        ink = colour if weights is None else _mixed(weights, colour)
         beside = []
         for one in carried:
             points = one.moved.points if last else one.before
             if one.faces is not None and len(one.faces):
-                beside.append(Shown(Surface(points, one.faces), CARRIED))
-            elif one.names:
-                beside.append(Shown(dots(points, DOT_SIZE * surface.diagonal), DOT))
+                beside.append(_Drawn(Surface(points, one.faces), CARRIED))
+            elif one.names and len(points):
+                ball = dots(points, DOT_SIZE * surface.diagonal)
+                beside.append(_Drawn(ball, DOT, points, one.names))
         sights = views([surface, *(one.surface for one in beside)])
         for seen, word in zip(sights, ("", ", a quarter turn on"), strict=True):
             sight = facing(seen, [one.surface.vertices for one in beside])
-            closer = NUDGE * surface.diagonal * sight.towards  # what lies on the surface is seen
-            nudged = [Shown(one.surface.moved(one.surface.vertices + closer), one.colours) for one in beside]
-            items.append(Figure(picture([base, *nudged], sight), title + word))
+            items.append(_figure(surface, ink, beside, sight, title + word))
     if any(one.names for one in carried) and items:
-        items.append("Landmarks are the red dots; one inside the surface is hidden by it.")
+        items.append("Landmarks are the red dots; one inside the surface or behind it is hidden.")
     spread = {
         "before": np.concatenate([np.abs(one.moved.distance) for one in carried] or [np.empty(0)]),
         "after": np.concatenate([np.abs(one.after) for one in carried] or [np.empty(0)]),
@@ -250,6 +251,31 @@ def transfer_figures(
         words = "Distance of what was carried from the surface, before and after."
         sections.append(Section("Distributions", (Figure(drawn, words),)))
     return sections
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Drawn:
+    """What was carried, in a picture; of landmarks the points (p, 3) and their names, else none."""
+
+    surface: Surface
+    colour: tuple[float, float, float]
+    points: Float | None = None
+    names: tuple[str, ...] = ()
+
+
+def _figure(surface: Surface, ink: Colours, beside: Sequence[_Drawn], sight: View, title: str) -> Figure:
+    """Draw a surface and what was carried, with the names of the landmarks that are seen."""
+    closer = NUDGE * surface.diagonal * sight.towards  # what lies on the surface is seen
+    look = Look.of([surface, *(one.surface.moved(one.surface.vertices + closer) for one in beside)], sight)
+    drawn = look.coloured([ink, *(one.colour for one in beside)])
+    names: list[tuple[float, float, str]] = []
+    for one, (balls, _, faces, *_) in zip(beside, look.parts[1:], strict=True):
+        if one.points is None:
+            continue
+        seen = np.unique(faces // (len(balls.faces) // len(one.points)))
+        places = sight.placed(one.points, look.shape) / FINER
+        names += [(*places[k].tolist(), one.names[k]) for k in seen.tolist()]
+    return Figure(named(drawn, names, title) if 0 < len(names) <= NAMED else drawn, title)
 
 
 def _mixed(weights: Float, colour: tuple[float, float, float]) -> Float:

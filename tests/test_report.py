@@ -9,12 +9,11 @@ import html.parser
 import io
 import json
 import re
-import struct
-import zlib
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pngs import pixels
 from solids import sphere
 
 from femors_addon import picture, plots, report_files, report_html, report_tables
@@ -27,9 +26,7 @@ from femors_addon.progress import FemorsError
 from femors_addon.report_figures import mesh_figures, morph_figures
 from femors_addon.report_html import Figure
 from femors_addon.report_overclosure import overclosure_figures
-from femors_addon.report_transfer import Carried, dots, transfer_figures
 from femors_addon.shapes import pair
-from femors_addon.transfer import Transferred
 from femors_addon.transforms import transformed
 
 
@@ -226,20 +223,6 @@ def test_a_legend_stays_within_its_plot():
     assert max(places) < plots.WIDTH - 80
 
 
-def pixels(data: bytes) -> np.ndarray:
-    """Read a PNG as it is written here, with its checksums."""
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    at, parts = 8, {}
-    while at < len(data):
-        (size,), name = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
-        body = data[at + 8 : at + 8 + size]
-        assert struct.unpack(">I", data[at + 8 + size : at + 12 + size])[0] == zlib.crc32(name + body)
-        parts[name], at = body, at + 12 + size
-    width, height = struct.unpack(">II", parts[b"IHDR"][:8])
-    rows = np.frombuffer(zlib.decompress(parts[b"IDAT"]), np.uint8).reshape(height, 1 + 3 * width)
-    return rows[:, 1:].reshape(height, width, 3)
-
-
 def square(depth: float, half: float) -> Surface:
     corners = [[-half, -half, depth], [half, -half, depth], [half, half, depth], [-half, half, depth]]
     return Surface(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
@@ -317,31 +300,3 @@ def test_a_mesh_has_a_page_too():
     sections = mesh_figures(bone, bone.moved(bone.vertices + 1.0), {"gap": bone.vertices[:, 0]}, "mm")
     page = report_html.html("Quality", "", sections)
     assert "Gap (mm)" in page and "With the other mesh" in page and not Page(page).open
-
-
-def test_a_transfers_pictures_have_landmarks_things_and_regions():
-    bone = pair(600, 600).source
-    none, far = np.zeros(0), bone.vertices.max(axis=0) + 5.0
-    marks = Carried("m", far[None], Transferred(far[None], np.ones(1), none, none), np.ones(1), ("far",))
-    patch = Carried(
-        "p", bone.vertices + 2.0, Transferred(bone.vertices, none, none, none), none, (), bone.faces
-    )
-
-    def seen(carried, regions=(None, None)):
-        (section, *_) = transfer_figures(bone, bone, carried, regions=regions)
-        shown = [one.content for one in section.items if isinstance(one, report_html.Figure)]
-        assert len(shown) == 4
-        return [pixels(data).astype(int) for data in shown]
-
-    def count(picture, one, others):
-        return int((picture[..., one] > 30 + np.max(picture[..., others], axis=-1)).sum())
-
-    plain, marked = seen([]), seen([marks])
-    assert all(count(picture, 0, [1, 2]) == 0 for picture in plain)
-    assert all(count(picture, 0, [1, 2]) > 20 for picture in marked), "a red dot in each"
-    carried = seen([patch])
-    assert all(count(picture, 1, [0, 2]) > 200 for picture in carried), "what is carried is green"
-    painted = seen([], (None, (bone.vertices[:, 2] > bone.vertices[:, 2].mean()).astype(float)))
-    greens = [count(picture, 1, [0, 2]) for picture in painted]
-    assert greens[:2] == [0, 0] and min(greens[2:]) > 200, "a region after, none before"
-    assert len(dots(np.zeros((3, 3)), 1.0).vertices) == 3 * 42
