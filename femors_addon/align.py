@@ -160,8 +160,7 @@ def _choose_hand(
         lambda _: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
     )
     words = DOUBT if work.partial != "none" else DOUBT_WHOLE
-    margin = MIRROR_MARGIN if work.partial != "none" else 1.0
-    if plain.misfit <= work.tolerance or other.misfit > margin * plain.misfit:
+    if plain.misfit <= work.tolerance or other.misfit > plain.misfit:
         plain = decided(work, plain, kind)
         return plain.matrix, (words,) if plain.doubtful else ()
     plain, other = at_once(lambda _: decided(work, plain, kind), lambda _: decided(work, other, kind))
@@ -169,7 +168,7 @@ def _choose_hand(
     # the search ends with few samples, and one of the two may have stopped short
     one, two = icp(work, np.array([plain.matrix, other.matrix]), kind, CHECK_STEPS)
     misfits = one.misfit, two.misfit
-    if MIRROR_MARGIN * one.misfit < two.misfit < margin * one.misfit:
+    if work.partial == "none" and MIRROR_MARGIN * one.misfit < two.misfit < one.misfit:
         one, two = at_once(*(bound(_refined, work, fit.matrix, kind) for fit in (plain, other)))
         index = SurfaceIndex(meshes[1])
         misfits = _apart(meshes[0], index, one.matrix), _apart(meshes[0], index, two.matrix)

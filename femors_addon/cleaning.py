@@ -15,6 +15,8 @@ from .mesh import Float, Int, Surface, connected
 from .orientation import oriented
 from .progress import FemorsError, counted
 
+CRACK = 1e-3  # mean edges: two borders that are nearer than that belong together
+LOOSE, SCATTERED = 100, 0.1  # pieces, and pieces for each face: more are triangles that were not merged
 MERGED = "merged for the maths"
 """How a note ends that is no warning; of STL files, which share no vertex, it is not said."""
 
@@ -44,9 +46,9 @@ class Cleaned:
 def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Cleaned:
     """Merge, deduplicate and orient a triangle mesh; the input is left as it is.
 
-    Vertices at equal coordinates are merged; a triangle soup that shares no vertex even so (an
-    ASCII file with rounded numbers, say) is merged at a millionth of its size. Winding is made
-    consistent and outward component by component; a closed shell inside another points inward.
+    Vertices at equal coordinates are merged, and so are those on open borders, of a crack or of triangles
+    with rounded corners, that are nearer to each other than `CRACK`. Winding is made consistent and outward
+    component by component; a closed shell inside another points inward.
 
     Raises
     ------
@@ -56,9 +58,16 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     """
     raw = _named(name, vertices, triangles)
     notes: list[str] = []
-    merged, vertex_map = _merge(raw)
-    faces = merged[raw.faces] if len(raw.faces) else raw.faces
-    faces, face_map = _proper_faces(faces, raw.vertices[vertex_map], notes)
+    merged, vertex_map, cracked = _merge(raw)
+    if cracked:
+        notes.append(
+            counted(
+                cracked,
+                f"vertex stood on a crack narrower than {CRACK:g} of an edge and was {MERGED}",
+                f"vertices stood on cracks narrower than {CRACK:g} of an edge and were {MERGED}",
+            )
+        )
+    faces, face_map = _proper_faces(merged[raw.faces], raw.vertices[vertex_map], notes)
     if len(faces) < 4:
         raise FemorsError(f"{name}: {counted(len(faces), 'usable face')}: no surface; at least 4 are needed")
     used, faces = triples.renumbered(faces, len(vertex_map))
@@ -68,12 +77,12 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     lookup[used] = np.arange(len(used), dtype=np.int32)
     to_clean = lookup[merged]
     shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
-    if shared and not _apart(raw):
+    if shared and not _apart(raw) and not cracked:
         notes.append(
             counted(
                 shared,
-                "vertex stood twice or more and was merged for the maths",
-                "vertices stood twice or more and were merged for the maths",
+                f"vertex stood twice or more and was {MERGED}",
+                f"vertices stood twice or more and were {MERGED}",
             )
         )
     unused = int((to_clean < 0).sum())
@@ -83,6 +92,12 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     if turned:
         verb = "was" if turned == 1 else "were"
         notes.append(f"{turned} of {len(faces)} faces {verb} wound inward and turned for the maths")
+    pieces = int(surface.components.max()) + 1
+    if pieces > max(LOOSE, SCATTERED * len(faces)):
+        notes.append(
+            f"is in {pieces} pieces, of {len(faces)} faces: corners that belong together stand apart; merge "
+            "them first (in Blender: Mesh > Merge > By Distance)"
+        )
     return Cleaned(surface, to_clean, face_map, tuple(f"{name}: {note}" for note in notes))
 
 
@@ -110,21 +125,42 @@ def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
     return surface
 
 
-def _merge(surface: Surface) -> tuple[Int, Int]:
-    """Return (for each vertex its merged index, for each merged vertex one original index)."""
-    if triples.are_unique(surface.vertices) and len(surface.vertices) != 3 * len(surface.faces):
-        same = np.arange(len(surface.vertices), dtype=np.int32)
-        return same, same
-    first, inverse = triples.unique_rows(surface.vertices)
-    if len(first) == 3 * len(surface.faces) and len(surface.faces) > 1:
-        pairs = cKDTree(surface.vertices[first]).query_pairs(1e-6 * surface.diagonal, output_type="ndarray")
-        inverse = connected(pairs, len(first))[inverse]
-    # number merged vertices by their first appearance: file order survives the merge
-    _, first, inverse = np.unique(inverse, return_index=True, return_inverse=True)
+def _merge(surface: Surface) -> tuple[Int, Int, int]:
+    """Return (for each vertex its merged index, for each merged vertex one original index, how many cracked).
+
+    Vertices are numbered by their first appearance: file order survives the merge.
+    """
+    if triples.are_unique(surface.vertices):
+        same = first = np.arange(len(surface.vertices), dtype=np.int32)
+    else:
+        same, first = _by_appearance(triples.unique_rows(surface.vertices)[1])
+    whole = surface.vertices[first], same[surface.faces]
+    pairs = _cracks(surface if len(first) == len(surface.vertices) else Surface(*whole))
+    if not len(pairs):
+        return same, first, 0
+    joined, at = _by_appearance(connected(pairs, len(first))[same])
+    return joined, at, len(first) - len(at)
+
+
+def _by_appearance(label: Int) -> tuple[Int, Int]:
+    """Number labels (n,) by their first appearance; return (n,) numbers and (k,) where each appears first."""
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     order = np.argsort(first, kind="stable")
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)
     return rank[inverse.ravel()], first[order].astype(np.int32)
+
+
+def _cracks(surface: Surface) -> Int:
+    """Return the pairs (k, 2) of vertices on open borders that are nearer than `CRACK`, and share no edge."""
+    border = np.flatnonzero(surface.border)
+    if not len(border):
+        return np.empty((0, 2), np.int32)
+    tree = cKDTree(surface.vertices[border])
+    pairs = np.sort(border[tree.query_pairs(CRACK * surface.mean_edge, output_type="ndarray")], axis=1)
+    count = len(surface.vertices)
+    keys, sides = (ends.astype(np.int64) @ [count, 1] for ends in (pairs, surface.edges))
+    return np.asarray(pairs[~np.isin(keys, sides)], np.int32)
 
 
 def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:

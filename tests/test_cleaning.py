@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from cleancases import assert_closed_and_alike, assert_maps_hold, cleaned, inverted
@@ -58,6 +60,61 @@ def test_a_soup_of_rounded_numbers_is_put_together():
     assert len(result.surface.vertices) == len(ball.vertices)
     assert_closed_and_alike(result.surface)
     assert result.surface.volume == pytest.approx(ball.volume, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.001, 0.02, 0.5, 1.0])
+@pytest.mark.parametrize("width", [1e-7, 1e-5, 4e-4])
+def test_cracks_are_closed_whatever_their_share_and_width(share, width):
+    """A few corners that still stand together are no reason to leave the others apart."""
+    ball = sphere(3, radius=50.0)
+    loose, rng = soup(ball), np.random.default_rng(1)
+    points = loose.vertices.copy()
+    off = rng.permutation(len(points))[: max(int(share * len(points)), 1)]
+    points[off] += width * ball.mean_edge * rng.uniform(-1, 1, (len(off), 3)) / 2
+    result = clean(points, loose.faces, "scan")
+    assert len(result.surface.vertices) == len(ball.vertices)
+    assert_closed_and_alike(result.surface)
+    one, two = ball.faces.ravel(), result.vertex_map  # corners that were one vertex are one again
+    assert len(np.unique(one * 10_000 + two)) == len(ball.vertices)
+    (note,) = result.notes
+    assert re.fullmatch(
+        r"scan: \d+ (vertex stood on a crack|vertices stood on cracks) narrower than 0.001 of an edge "
+        r"and (was|were) merged for the maths",
+        note,
+    )
+
+
+def test_a_crack_between_shared_vertices_is_closed():
+    """As of two halves that another program has put together: no soup, and no vertex twice."""
+    ball = sphere(3)
+    upper = ball.vertices[ball.faces].mean(axis=1)[:, 2] > 0
+    points = np.concatenate((ball.vertices, ball.vertices * (1 + 1e-6)))
+    raw = Surface(points, np.where(upper[:, None], ball.faces + len(ball.vertices), ball.faces))
+    result = cleaned(raw)
+    assert len(result.surface.vertices) == len(ball.vertices)
+    assert_closed_and_alike(result.surface)
+    assert "cracks" in result.notes[0] and len(result.notes) == 2  # halves leave vertices without a face
+
+
+def test_short_edges_of_an_open_border_stay():
+    x = np.array([0.0, 1.0, 1.0001, 2.0, 0.0, 1.0, 1.0001, 2.0])
+    points = np.column_stack((x, np.repeat([0.0, 1.0], 4), 0.1 * x**2))
+    quads = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6]])
+    faces = np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+    result = clean(points, faces)
+    assert len(result.surface.vertices) == 8 and len(result.surface.faces) == 6
+    assert not any("crack" in note for note in result.notes)
+
+
+def test_triangles_that_cannot_be_put_together_are_told():
+    ball = sphere(3)
+    loose = soup(ball)
+    noise = 0.02 * ball.mean_edge * np.random.default_rng(0).uniform(-1, 1, loose.vertices.shape)
+    notes = clean(loose.vertices + noise, loose.faces, "scan").notes
+    assert notes[-1].startswith(
+        "scan: is in 1280 pieces, of 1280 faces: corners that belong together stand apart"
+    )
+    assert not any("pieces" in note for note in cleaned(together(*[sphere(1) for _ in range(2)])).notes)
 
 
 def test_near_but_separate_vertices_of_a_real_mesh_stay_apart():
