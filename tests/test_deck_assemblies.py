@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from commands import refused, run
@@ -181,3 +183,39 @@ def test_bodies_stand_where_their_parts_do_and_need_one_place(two, tmp_path):
     path = assembly(tmp_path / "twice.inp", "P", [("P", "P", FAR), ("P-2", "P")])
     with pytest.raises(FemorsError, match="'P' in several places; a body needs a part of its own"):
         cli_bodies.read(str(path))
+
+
+def figures(capsys, folder, *argv):
+    report = folder / "q.json"
+    code, _, err = run(capsys, "quality", *argv, "--report", report, "--quiet")
+    assert code == 0, err
+    return json.loads(report.read_text())
+
+
+@pytest.mark.parametrize("name", ["P", "P-1", "EP", "all"])
+def test_quality_measures_a_part_where_it_stands(one, tmp_path, capsys, name):
+    matrix = inp.read(one).instances[0].matrix
+    other = surface_file(tmp_path / "other.ply", transformed(matrix, BLOCK.surface()[0].vertices))
+    alone = figures(capsys, tmp_path, one, "--part", name)
+    beside = figures(capsys, tmp_path, one, other, "--part", name)
+    swapped = figures(capsys, tmp_path, other, one, "--other-part", name)
+    for found in (beside["against"], swapped["against"]):
+        assert found["mesh_to_other"]["maximum"] < 1e-4 and found["other_to_mesh"]["maximum"] < 1e-4
+        assert found["overlap"]["dice"] > 0.99
+    assert beside["mesh"] == alone["mesh"] and beside["elements"] == alone["elements"]
+    plain = tmp_path / "plain.inp"
+    plain.write_text("\n".join(mesh("P")) + "\n")
+    own = figures(capsys, tmp_path, plain)
+    assert beside["mesh"]["volume"] == pytest.approx(own["mesh"]["volume"], rel=1e-9)
+    assert beside["shape"]["skewness"] == pytest.approx(own["shape"]["skewness"], rel=1e-9)
+    assert beside["elements"] == own["elements"]
+
+
+def test_quality_of_a_part_alone_needs_no_place(two, tmp_path, capsys):
+    path = assembly(tmp_path / "twice.inp", "P", [("P-1", "P", FAR), ("P-2", "P")])
+    assert figures(capsys, tmp_path, path, "--part", "EP")["elements"]
+    other = surface_file(tmp_path / "other.ply", BLOCK.surface()[0].vertices)
+    assert "'EP' stands in 2 places" in refused(capsys, "quality", path, other, "--part", "EP")
+    err = refused(capsys, "quality", other, two, "--other-part", "all")
+    assert "name one of these parts with --other-part\n" in err
+    assert "in different places" in refused(capsys, "quality", two, "--part", "all")
