@@ -78,10 +78,8 @@ def read(path: str) -> Source:
 
 def _placed(deck: Deck, part: Part) -> Float:
     """Return where an assembly has a part; refuse one that it has in several places."""
-    if part.name not in deck.parts:
-        return np.eye(4)
     try:
-        return deck.placement(part.name, part)
+        return deck.placement(None, part)
     except FemorsError:
         raise FemorsError(
             f"{deck.path}: the assembly has '{part.name}' in several places; a body needs a part of its own"

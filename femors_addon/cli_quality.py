@@ -11,6 +11,8 @@ from . import cli_convert, deckfiles, files
 from .commandline import Console, check_paths
 from .deck import Deck
 from .examine import WORST_ASPECT, Examination, examine
+from .mesh import Surface
+from .meshfiles import MeshFile
 from .progress import FemorsError, counted
 from .report_figures import mesh_figures
 from .report_files import FORMATS, check_ending, report_bytes
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if not args.worst_aspect >= 1:
         raise FemorsError("--worst-aspect: the aspect ratio is 1 or more")
     source = deckfiles.read(args.source)
-    surface = cli_convert.surface_of(source, args.part, "--part")
+    surface = _in_place(source, args.part, "--part", alone=args.other is None)
     elements = None
     if isinstance(source, Deck):
         part = cli_convert.part_of(source, args.part, "--part")
@@ -56,7 +58,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         elements = VolumeQuality.of(mesh) if mesh.solid else None
     other = None
     if args.other is not None:
-        other = cli_convert.surface_of(deckfiles.read(args.other), args.other_part, "--other-part")
+        other = _in_place(deckfiles.read(args.other), args.other_part, "--other-part")
     try:
         found = examine(surface, other, elements, args.worst_aspect, console.progress)
     except FemorsError as error:
@@ -78,6 +80,21 @@ def run(args: argparse.Namespace, console: Console) -> int:
     for fault in faults:
         console.warn(fault)
     return 1 if faults else 0
+
+
+def _in_place(source: Deck | MeshFile, name: str | None, option: str, alone: bool = False) -> Surface:
+    """Return the surface that an option names where an assembly has it.
+
+    A part that stands in several places may be measured `alone`, without another mesh: in its own
+    coordinates, for the figures are the same at each place.
+    """
+    surface, part = cli_convert.surface_of(source, name, option), cli_convert.part_of(source, name, option)
+    try:
+        return cli_convert.placed(cli_convert.placement_of(source, name, option), surface)
+    except FemorsError:
+        if not alone or not isinstance(source, Deck) or part is None or len(source.holders(part)) > 1:
+            raise
+    return surface
 
 
 def _with_file(text: str, args: argparse.Namespace) -> str:

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .cached import cached_property
 from .files import Location, replacing
 from .mesh import Float, Int
 from .progress import FemorsError, listed
@@ -155,31 +156,61 @@ class Deck:
                 f"choose one with --part, or '{ALL}'"
             )
         for instance in self.instances:
-            if instance.name.upper() == name.upper():
-                name = instance.part
-        for known in self.parts.values():
-            if known.name.upper() == name.upper():
-                return known
-        return self._set(name)
+            placed = self._placed_by(instance) if instance.name.upper() == name.upper() else None
+            if placed is not None:
+                return placed
+        return self._known(name) or self._set(name)
 
     def placement(self, name: str | None, part: Part) -> Float:
         """Return the matrix (4, 4) by which the assembly places a part, chosen by `name` as in `part`.
 
+        What a set or "all" names stands where the parts stand that its elements are in.
+
         Raises
         ------
         FemorsError
-            The part stands in several places, and the name is not that of one of its instances.
+            It stands in several places and the name is not that of one of its part's instances, or it is
+            of several parts that stand in different places.
         """
-        mine = [instance for instance in self.instances if instance.part.upper() == part.name.upper()]
+        holders = self.holders(part) if self.instances else []
+        mine = [instance for instance in self.instances if self._placed_by(instance) in holders]
         named = [instance for instance in mine if name is not None and instance.name.upper() == name.upper()]
         chosen = named or mine
-        if len(chosen) > 1 and any(not np.array_equal(one.matrix, chosen[0].matrix) for one in chosen):
-            places = quoted(dict.fromkeys(instance.name for instance in chosen))
+        places = [instance.matrix for instance in chosen]
+        if not {self._placed_by(instance) for instance in chosen}.issuperset(holders):
+            places.append(np.eye(4))  # a part without an instance
+        if all(np.array_equal(place, places[0]) for place in places):
+            return places[0] if places else np.eye(4)
+        if len(holders) > 1:
             raise FemorsError(
-                f"{self.path}: '{part.name}' stands in {len(chosen)} places ({places}); "
-                "choose one of these instances with --part"
+                f"{self.path}: '{part.name}' is of parts that stand in different places "
+                f"({quoted(holder.name for holder in holders)}); name one of these parts with --part"
             )
-        return chosen[0].matrix if chosen else np.eye(4)
+        names = quoted(dict.fromkeys(instance.name for instance in chosen))
+        raise FemorsError(
+            f"{self.path}: '{part.name}' stands in {len(chosen)} places ({names}); "
+            "choose one of these instances with --part"
+        )
+
+    def holders(self, part: Part) -> list[Part]:
+        """Return the deck's parts that the elements of a part, or of what a set names, are in."""
+        if part in self.parts.values():
+            return [part]
+        inside = np.zeros(self.mesh.element_count, dtype=bool)
+        inside[part.elements] = True
+        return [known for known in self.parts.values() if inside[known.elements].any()]
+
+    @cached_property
+    def _by_name(self) -> dict[str, Part]:
+        """By upper-case name, the first that has it."""
+        return {known.name.upper(): known for known in reversed(list(self.parts.values()))}
+
+    def _known(self, name: str) -> Part | None:
+        return self._by_name.get(name.upper())
+
+    def _placed_by(self, instance: Instance) -> Part | None:
+        """Return the part that an instance places: the one it names or, where that is empty, its own mesh."""
+        return self._known(instance.part) or self._known(instance.name)
 
     def _set(self, name: str) -> Part:
         mesh = self.mesh
