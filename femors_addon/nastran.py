@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from .deck import Deck, Load, OneFile, Part
-from .elements import KINDS
+from .elements import KINDS, Kind
 from .fields import NASTRAN, number, spliced
 from .files import read_bytes, shown
 from .ids import Lookup
 from .inp_syntax import Source
 from .mesh import Float, Int
-from .nastran_cards import WHOLE, Card, cards_of, real, whole, written
+from .nastran_cards import Card, cards_of, real, whole, written
 from .progress import FemorsError
 from .volume import Block, VolumeMesh
 
@@ -144,9 +144,7 @@ def _elements(
     """Return the blocks, the elements of each property id, and the cards in the order of the elements."""
     groups: dict[tuple[str, str], list[tuple[Card, list[int]]]] = {}
     for card in cards:
-        linear, quadratic = (KINDS[name] for name in CARDS[card.name])
-        texts = [card.field(index) for index in range(2, 2 + quadratic.size)]
-        kind = quadratic if all(WHOLE.fullmatch(text) for text in texts) else linear
+        kind = _kind(source, card)
         nodes = [whole(source, card, 2 + index, "the id of a node") for index in range(kind.size)]
         if kind.name in ORDER:
             nodes = [nodes[index] for index in ORDER[kind.name]]
@@ -167,6 +165,17 @@ def _elements(
     properties = np.array(pids, np.int64)
     parts = {int(pid): np.flatnonzero(properties == pid).astype(np.int32) for pid in np.unique(properties)}
     return blocks, parts, in_order
+
+
+def _kind(source: Source, card: Card) -> Kind:
+    """Return the kind of an element: linear without mid-side nodes, quadratic with all of them."""
+    linear, quadratic = (KINDS[name] for name in CARDS[card.name])
+    given = sum(bool(card.field(2 + index)) for index in range(linear.size, quadratic.size))
+    if given in (0, quadratic.size - linear.size):
+        return quadratic if given else linear
+    # as the linear kind, those that are given would belong to no element, and stay where they are
+    text = f"element {shown(card.field(0).encode())} ({card.name}) has {given} of its {len(quadratic.edges)}"
+    raise source.error(card.start, f"{text} mid-side nodes; give it all of them or none")
 
 
 def _property(source: Source, card: Card) -> int:

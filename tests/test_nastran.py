@@ -157,3 +157,31 @@ def test_every_kind_there_and_back(tmp_path, wide):
         assert again[number].kind == block.kind
         assert np.array_equal(again[number].nodes, block.nodes)
     assert {name: len(part.elements) for name, part in deck.parts.items()} == {"PID 1": 4, "PID 2": 8}
+
+
+MIDS = "".join(f"GRID,{11 + index},,{index}.,9.,9.\n" for index in range(12))
+
+
+@pytest.mark.parametrize(
+    ("card", "kind"),
+    [
+        ("CTETRA,1,7,1,2,3,4,11,12\n,13,14,15,16", "tet10"),
+        ("CTETRA,1,7,1,2,3,4,,\n,,,,", "tet4"),
+        ("CTETRA  1       7       1       2       3       4       $ 9", "tet4"),
+        ("CTRIA6,1,7,1,2,3,11,12,13\n,45.", "tri6"),
+        ("CTRIA6,1,7,1,2,3,,,\n,45.", "tri3"),
+        ("CTETRA,1,7,1,2,3,4,11,12\n,13,,15,16", "element 1 (CTETRA) has 5 of its 6 mid-side nodes; give it"),
+        ("CQUAD8,1,7,1,2,3,4,11,\n,,", "element 1 (CQUAD8) has 1 of its 4 mid-side nodes; give it all of"),
+        ("CTRIA6,1,7,1,2,3,x,,", "element 1 (CTRIA6) has 1 of its 3 mid-side nodes"),
+        ("CTRIA6,1,7,1,2,3,11,x,12", "the id of a node was expected, not 'x'"),
+    ],
+)
+def test_mid_side_nodes_are_there_all_or_none(tmp_path, card, kind):
+    content = BDF.partition("CTETRA")[0] + MIDS + card + "\nENDDATA\n"
+    if kind in KINDS:
+        assert [block.kind for block in deck_of(tmp_path, content).mesh.blocks] == [kind]
+        return
+    with pytest.raises(FemorsError) as caught:
+        deck_of(tmp_path, content)
+    assert str(caught.value).startswith(f"{tmp_path / 'deck.bdf'}: line 26: ")
+    assert kind in str(caught.value) and "\n" not in str(caught.value)
