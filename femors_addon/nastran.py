@@ -40,6 +40,17 @@ SHELLS = {
 }
 CARDS = {**SOLIDS, **SHELLS}
 """Kind of the element with corner nodes only, and with all its mid-side nodes."""
+_OTHERS = (
+    "CAABSF CBAR CBEAM CBEAM3 CBEND CBUSH CBUSH1D CBUSH2D CCONEAX CDAMP1 CDAMP2 CDAMP3 CDAMP4 CDAMP5 "
+    "CELAS1 CELAS2 CELAS3 CELAS4 CFAST CFLUID2 CFLUID3 CFLUID4 CGAP CGAPG CGASK6 CGASK8 CGASK12 "
+    "CGASK16 CHACAB CHACBR CHBDYE CHBDYG CHBDYP CIFHEX CIFPENT CIFQDX CIFQUAD CMASS1 CMASS2 CMASS3 "
+    "CMASS4 CONM1 CONM2 CONROD CPLSTN3 CPLSTN4 CPLSTN6 CPLSTN8 CPLSTS3 CPLSTS4 CPLSTS6 CPLSTS8 CQUAD "
+    "CQUADX CQUADX4 CQUADX8 CRAC2D CRAC3D CROD CSEAM CSHEAR CSLOT3 CSLOT4 CTRAX3 CTRAX6 CTRIAX "
+    "CTRIAX6 CTUBE CVISC CWELD GENEL JOINTG PLOTEL PLOTEL3 PLOTEL4 RBAR RBAR1 RBE1 RBE2 RBE2GS RBE3 "
+    "RJOINT RROD RSPLINE RSSCON RTRPLT"
+)
+OTHERS = frozenset(_OTHERS.split())
+"""Elements that take no part in a morph."""
 NAMES = {
     "tet4": "CTETRA",
     "tet10": "CTETRA",
@@ -100,7 +111,7 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     source = Source(0, path, load(path))
     if b"\0" in source.data:
         raise FemorsError(f"{path}: is not a Nastran file but binary")
-    cards = cards_of(source, {"GRID", "GRDSET", "INCLUDE", *CARDS})
+    cards = cards_of(source, {"GRID", "GRDSET", "INCLUDE", *CARDS, *OTHERS})
     grids = [card for card in cards if card.name == "GRID"]
     if not grids:
         raise FemorsError(f"{path}: has no nodes (GRID cards)")
@@ -119,11 +130,12 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     named = {
         f"PID {pid}": Part(f"PID {pid}", mesh.restricted(chosen)[1], chosen) for pid, chosen in parts.items()
     }
-    missed = any(card.name == "INCLUDE" for card in cards)
-    notes = ("files that an INCLUDE names are not read",) if missed else ()
-    return Deck(
-        path, path.suffix.lower(), mesh, named, Template(path, source.data, grids, mesh.nodes), (), notes
-    )
+    there = {card.name for card in cards}
+    notes = ["files that an INCLUDE names are not read"] if "INCLUDE" in there else []
+    if there & OTHERS:
+        notes.append(f"elements of type {', '.join(sorted(there & OTHERS))} are kept as they are")
+    template = Template(path, source.data, grids, mesh.nodes)
+    return Deck(path, path.suffix.lower(), mesh, named, template, (), tuple(notes))
 
 
 def _position(source: Source, card: Card, preset: str) -> list[float]:

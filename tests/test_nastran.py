@@ -136,7 +136,16 @@ def test_files_that_are_no_decks(tmp_path):
             deck_of(tmp_path, content)
     assert deck_of(tmp_path, "INCLUDE 'a.bdf'\n" + BDF.partition("BULK\n")[2]).notes == (
         "files that an INCLUDE names are not read",
+        "elements of type CBAR are kept as they are",
     )
+
+
+def test_elements_that_take_no_part_are_told(tmp_path):
+    more = "RBE2*,21,1,123,2\n*,3\nrbe3,22,,3,123\nCORD2R,5,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\nENDDATA"
+    assert deck_of(tmp_path, BDF.replace("ENDDATA", more)).notes == (
+        "elements of type CBAR, RBE2, RBE3 are kept as they are",
+    )
+    assert deck_of(tmp_path, BDF.replace("CBAR ", "$    ")).notes == ()
 
 
 @pytest.mark.parametrize("wide", [0, 10**9])
