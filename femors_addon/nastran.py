@@ -93,7 +93,10 @@ class Template(OneFile):
 
 
 def _grid(card: Card, data: bytes, new: Float, old: Float) -> bytes:
-    """Return a node's card in large fields; fields that did not change keep their text."""
+    """Return a node's card in large fields; fields that did not change keep their text.
+
+    What the card's lines have between and behind them, comments and empty lines, comes before it.
+    """
     texts = [card.field(index).strip() for index in range(8)]
     for axis in range(3):
         if new[axis] != old[axis] or len(texts[2 + axis]) > NASTRAN:
@@ -103,7 +106,23 @@ def _grid(card: Card, data: bytes, new: Float, old: Float) -> bytes:
     first = "GRID*   " + "".join(text.ljust(NASTRAN) for text in texts[:4])
     second = "*       " + "".join(text.ljust(NASTRAN) for text in texts[4:])
     last = end if raw.endswith(b"\n") else b""
-    return first.rstrip().encode("latin-1") + end + second.rstrip().encode("latin-1") + last
+    return (
+        _comments(raw, end)
+        + first.rstrip().encode("latin-1")
+        + end
+        + second.rstrip().encode("latin-1")
+        + last
+    )
+
+
+def _comments(raw: bytes, end: bytes) -> bytes:
+    """Return the comments and the empty lines among a card's lines, as lines of their own."""
+    out = []
+    for line in raw.split(b"\n")[: -1 if raw.endswith(b"\n") else None]:
+        fields, mark, comment = line.rstrip(b"\r").partition(b"$")
+        if mark or not fields.strip():
+            out.append(mark + comment if fields.strip() else fields + mark + comment)
+    return b"".join(line + end for line in out)
 
 
 def read(path: Path, load: Load = read_bytes) -> Deck:

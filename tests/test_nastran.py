@@ -80,6 +80,27 @@ def test_only_cards_of_nodes_that_moved_change(tmp_path, newline):
     assert np.allclose(deckfiles.read_deck(tmp_path / "out.bdf").coordinates, moved, atol=1e-12, rtol=0)
 
 
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_comments_in_the_cards_of_nodes_that_moved_are_kept(tmp_path, newline):
+    """They come before the card, for other programs may not look for them in it."""
+    large = "GRID*                  4                             0.0             0.0\n"
+    text = BDF.replace(large, f"{large}$ within: 1.5\n\n  $GRID,7\n").replace(",1.+0,0.", ",1.+0,0. $ behind")
+    text = text.replace("grid,5", "$ before\ngrid,5").replace("\n", newline)
+    deck = deck_of(tmp_path, text)
+    assert np.array_equal(deck.coordinates, deck_of(tmp_path, BDF).coordinates)
+    assert deck.encoded() == text.encode()
+    moved = deck.coordinates + [0, 0, 2]
+    out = deck.with_coordinates(moved).encoded().decode()
+    assert np.array_equal(deck_of(tmp_path, out).coordinates, moved)
+    lines = [line[:24].rstrip() for line in out.split(newline)]
+    at = lines.index("$ behind")
+    assert lines[at : at + 11] == [
+        *("$ behind", "GRID*   3", "*       2.0"),
+        *("$ within: 1.5", "", "  $GRID,7", "GRID*   4", "*       3.0"),
+        *("$ before", "GRID*   5", "*       2.0"),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "value"),
     [
