@@ -7,11 +7,12 @@ import csv
 import dataclasses
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from .files import shown
+from .markups import joined, lines_of
 from .mesh import Float
 from .progress import FemorsError, counted
 
@@ -26,8 +27,8 @@ NAMED = ("name", "label", "landmark", "id")  # titles of a column of names, the 
 class Template:
     """A CSV file apart from its coordinates: lines, and where in which of them the cells stand."""
 
-    lines: tuple[str, ...]
-    rows: tuple[Row, ...]  # (line number from 1, cells)
+    lines: tuple[str | None, ...]  # a row over several lines stands in its first, None in the others
+    rows: tuple[Row, ...]  # (number of its first line from 1, cells)
     columns: tuple[int, ...]  # of x, y and z
     name: int | None
     delimiter: str
@@ -75,19 +76,19 @@ def build(
         changed = list(cells)
         for column, value in zip(template.columns, point, strict=True):
             changed[column] = _text(value)
-        lines[number - 1] = _joined(changed, template.delimiter)
-    return ("\n".join(lines) + "\n").encode()
+        lines[number - 1] = joined(changed, template.delimiter)
+    return ("\n".join(line for line in lines if line is not None) + "\n").encode()
 
 
 def _fresh(points: Float, names: Sequence[str], beside: Mapping[str, Sequence[object]]) -> bytes:
     lines = []
     if names or beside:
-        lines.append(_joined([*(["name"] if names else []), "x", "y", "z", *beside]))
+        lines.append(joined([*(["name"] if names else []), "x", "y", "z", *beside]))
     for row, point in enumerate(points):
         cells = [names[row]] if names else []
         cells += [_text(value) for value in point]
         cells += [_text(v) if isinstance(v, float) else str(v) for v in (beside[key][row] for key in beside)]
-        lines.append(_joined(cells))
+        lines.append(joined(cells))
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -95,29 +96,48 @@ def _text(value: float) -> str:
     return "" if np.isnan(value) else f"{value + 0.0:.10g}"
 
 
-def _joined(cells: Sequence[str], delimiter: str = ",") -> str:
-    out = io.StringIO()
-    csv.writer(out, delimiter=delimiter, lineterminator="").writerow(cells)
-    return out.getvalue()
+def _rows(data: bytes) -> tuple[list[str | None], list[Row], str]:
+    """Return all lines, (line number, cells) of those that say something, and the delimiter.
 
-
-def _rows(data: bytes) -> tuple[list[str], list[Row], str]:
-    """Return all lines, (line number, cells) of those that say something, and the delimiter."""
+    A quoted cell may have line breaks in it: such a row's text stands in its first line, None in the others.
+    """
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    lines = text.splitlines()
-    delimiter = _delimiter([line for line in lines if line.strip() and not line.lstrip().startswith("#")])
+    delimiter = _delimiter([line for line in lines_of(text) if _says(line)])
+    lines: list[str | None] = []
     rows: list[Row] = []
-    for number, line in enumerate(lines, 1):
-        if line.strip() and not line.lstrip().startswith("#"):
+    rest = io.StringIO(text, newline="")
+    for line in rest:
+        whole = [line]
+        if _says(line):
+            number = len(lines) + 1
             try:
-                (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+                cells = next(
+                    csv.reader(_noted(line, rest, whole), delimiter=delimiter, skipinitialspace=True)
+                )
+                if len(whole) > 1:  # a quote that is never closed would take all that follows into its cell
+                    next(csv.reader(whole, delimiter=delimiter, skipinitialspace=True, strict=True))
             except (csv.Error, ValueError):
-                raise FemorsError(f"line {number}: is not a row of a CSV file") from None
+                hint = "; close the quote that begins there" if len(whole) > 1 else ""
+                raise FemorsError(f"line {number}: is not a row of a CSV file{hint}") from None
             rows.append((number, [cell.strip() for cell in cells]))
+        lines += ["".join(whole).rstrip("\r\n"), *[None] * (len(whole) - 1)]
     return lines, rows, delimiter
+
+
+def _says(line: str) -> bool:
+    """Whether a line is neither empty nor a comment."""
+    return bool(line.strip()) and not line.lstrip().startswith("#")
+
+
+def _noted(first: str, rest: Iterable[str], whole: list[str]) -> Iterator[str]:
+    """Give a line and as many behind it as are asked for, which are added to `whole`."""
+    yield first
+    for line in rest:
+        whole.append(line)
+        yield line
 
 
 def _delimiter(lines: list[str]) -> str:

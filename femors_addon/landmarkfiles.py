@@ -156,7 +156,7 @@ def paired(source: Landmarks, target: Landmarks) -> tuple[Float, Float]:
     if source.names and target.names:
         alone = set(source.names) ^ set(target.names)
         if alone:
-            names = listed(sorted(alone), most=5)
+            names = listed((shown(name.encode()) for name in sorted(alone)), most=5)
             raise FemorsError(f"landmarks without a partner of the same name: {names}")
         order = [target.names.index(name) for name in source.names]
         target = Landmarks(target.points[order], source.names)

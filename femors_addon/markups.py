@@ -13,6 +13,7 @@ import csv
 import dataclasses
 import io
 import json
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -45,6 +46,18 @@ def _system(value: object) -> str:
     return known
 
 
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a text, without their ends; unlike `str.splitlines`, none ends with U+2028."""
+    return [line.rstrip("\r\n") for line in io.StringIO(text, newline="")]
+
+
+def joined(cells: Sequence[str], delimiter: str = ",") -> str:
+    """Return a row of a CSV file, without the end of its line; what has a line break in it is quoted."""
+    out = io.StringIO()
+    csv.writer(out, delimiter=delimiter, lineterminator="\r\n").writerow(cells)
+    return out.getvalue().removesuffix("\r\n")
+
+
 # --- fcsv -----------------------------------------------------------------------------------------
 @dataclasses.dataclass(frozen=True)
 class _Fcsv:
@@ -58,7 +71,7 @@ class _Fcsv:
 def parse_fcsv(data: bytes, space: str) -> tuple[Float, tuple[str, ...], _Fcsv]:
     """Return points (k, 3) in the axes of `space`, labels, and the rest of the file."""
     try:
-        lines = data.decode("utf-8-sig").splitlines()
+        lines = lines_of(data.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise FemorsError("is not a text file") from None
     system, label = "RAS", LABEL  # as Slicer had it before it wrote down which
@@ -88,16 +101,29 @@ def build_fcsv(points: Float, names: Sequence[str], template: _Fcsv | None, spac
         lines.append(f"# columns = {COLUMNS}")
         rows: list[tuple[int, tuple[str, ...]]] = []
         for number, name in enumerate(names, 1):
-            made: tuple[str, ...] = (str(number), "", "", "", "0", "0", "0", "1", "1", "1", "0", name, "", "")
+            label = re.sub(r"[\r\n]+", " ", name)  # Slicer reads a line as a row
+            made: tuple[str, ...] = (
+                str(number),
+                "",
+                "",
+                "",
+                "0",
+                "0",
+                "0",
+                "1",
+                "1",
+                "1",
+                "0",
+                label,
+                "",
+                "",
+            )
             rows.append((len(lines), made))
             lines.append("")
         template = _Fcsv(tuple(lines), tuple(rows), space)
     lines = list(template.lines)
     for (number, cells), point in zip(template.rows, turned(points, space, template.system), strict=True):
-        out = io.StringIO()
-        texts = [f"{value + 0.0:.10g}" for value in point]
-        csv.writer(out, lineterminator="").writerow([cells[0], *texts, *cells[4:]])
-        lines[number] = out.getvalue()
+        lines[number] = joined([cells[0], *(f"{value + 0.0:.10g}" for value in point), *cells[4:]])
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -185,6 +211,6 @@ def _numbers(values: Any, where: str) -> list[float]:
             out = [float(value) for value in values]
             if np.isfinite(out).all():
                 return out
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         pass
     raise FemorsError(f"{where}: three finite numbers are needed as its position")

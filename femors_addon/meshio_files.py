@@ -33,6 +33,8 @@ from .vtk_poly import called
 PACKAGE = "meshio==5.3.5"
 FORMATS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".mesh": "medit"}
 """meshio's module for each ending; all of them do without h5py, netCDF4 and lxml."""
+MEDIT_KINDS = ("tet4", "pyra5", "penta6", "hex8", "tri3", "quad4")
+"""Those that meshio writes to Medit's files; it leaves out all others without an error."""
 LEAST_COUNT = 1_000_000  # loops over so many lines, of a file that has fewer, do no harm
 _COUNT = re.compile(rb"^[ \t]*([0-9]{7,4000})[ \t\r]*$", re.MULTILINE)
 PART_DATA = ("gmsh:physical", "medit:ref", "part", "gmsh:geometrical")
@@ -108,13 +110,22 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
 
 # --- meshio ---------------------------------------------------------------------------------------
 def _module(suffix: str) -> ModuleType:
+    """Return meshio's module of a format; meshio then has the dimensions of all kinds of elements.
+
+    5.3.5 knows names, sizes and orders of `wedge15` and `pyramid13`, but not that they are solids, without
+    which it neither reads nor writes them.
+    """
     try:
-        return importlib.import_module(f"meshio.{FORMATS[suffix]}")
+        module = importlib.import_module(f"meshio.{FORMATS[suffix]}")
+        dimensions = importlib.import_module("meshio._mesh").topological_dimension
     except ImportError as error:
         raise FemorsError(
             f"{suffix} files need the Python package meshio, which is not installed here "
             f"({error}); pip install {PACKAGE}"
         ) from None
+    for name, kind in MESHIO_KINDS.items():
+        dimensions.setdefault(name, 3 if kind.solid else 2)
+    return module
 
 
 @contextlib.contextmanager
@@ -272,7 +283,17 @@ def fresh(mesh: VolumeMesh, parts: dict[str, Int], suffix: str) -> bytes:
     """Return a file with the nodes and elements, the part of each element by number, and the ids.
 
     Gmsh also takes the parts' names; Gmsh and Medit number nodes and elements afresh.
+
+    Raises
+    ------
+    FemorsError
+        Kinds of elements that the format cannot hold.
     """
+    beyond = sorted({block.kind for block in mesh.blocks} - set(MEDIT_KINDS)) if suffix == ".mesh" else []
+    if beyond:
+        raise FemorsError(
+            f"{suffix} files hold no elements like {', '.join(beyond)}; write .vtu or .msh instead"
+        )
     _module(suffix)
     meshio = importlib.import_module("meshio")
     number = np.zeros(mesh.element_count, np.int64)

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from .deck import Deck, Load, OneFile, Part
-from .elements import KINDS
+from .elements import KINDS, Kind
 from .fields import NASTRAN, number, spliced
 from .files import read_bytes, shown
 from .ids import Lookup
 from .inp_syntax import Source
 from .mesh import Float, Int
-from .nastran_cards import WHOLE, Card, cards_of, real, whole, written
+from .nastran_cards import Card, cards_of, real, whole, written
 from .progress import FemorsError
 from .volume import Block, VolumeMesh
 
@@ -40,6 +40,17 @@ SHELLS = {
 }
 CARDS = {**SOLIDS, **SHELLS}
 """Kind of the element with corner nodes only, and with all its mid-side nodes."""
+_OTHERS = (
+    "CAABSF CBAR CBEAM CBEAM3 CBEND CBUSH CBUSH1D CBUSH2D CCONEAX CDAMP1 CDAMP2 CDAMP3 CDAMP4 CDAMP5 "
+    "CELAS1 CELAS2 CELAS3 CELAS4 CFAST CFLUID2 CFLUID3 CFLUID4 CGAP CGAPG CGASK6 CGASK8 CGASK12 "
+    "CGASK16 CHACAB CHACBR CHBDYE CHBDYG CHBDYP CIFHEX CIFPENT CIFQDX CIFQUAD CMASS1 CMASS2 CMASS3 "
+    "CMASS4 CONM1 CONM2 CONROD CPLSTN3 CPLSTN4 CPLSTN6 CPLSTN8 CPLSTS3 CPLSTS4 CPLSTS6 CPLSTS8 CQUAD "
+    "CQUADX CQUADX4 CQUADX8 CRAC2D CRAC3D CROD CSEAM CSHEAR CSLOT3 CSLOT4 CTRAX3 CTRAX6 CTRIAX "
+    "CTRIAX6 CTUBE CVISC CWELD GENEL JOINTG PLOTEL PLOTEL3 PLOTEL4 RBAR RBAR1 RBE1 RBE2 RBE2GS RBE3 "
+    "RJOINT RROD RSPLINE RSSCON RTRPLT"
+)
+OTHERS = frozenset(_OTHERS.split())
+"""Elements that take no part in a morph."""
 NAMES = {
     "tet4": "CTETRA",
     "tet10": "CTETRA",
@@ -82,7 +93,10 @@ class Template(OneFile):
 
 
 def _grid(card: Card, data: bytes, new: Float, old: Float) -> bytes:
-    """Return a node's card in large fields; fields that did not change keep their text."""
+    """Return a node's card in large fields; fields that did not change keep their text.
+
+    What the card's lines have between and behind them, comments and empty lines, comes before it.
+    """
     texts = [card.field(index).strip() for index in range(8)]
     for axis in range(3):
         if new[axis] != old[axis] or len(texts[2 + axis]) > NASTRAN:
@@ -92,7 +106,23 @@ def _grid(card: Card, data: bytes, new: Float, old: Float) -> bytes:
     first = "GRID*   " + "".join(text.ljust(NASTRAN) for text in texts[:4])
     second = "*       " + "".join(text.ljust(NASTRAN) for text in texts[4:])
     last = end if raw.endswith(b"\n") else b""
-    return first.rstrip().encode("latin-1") + end + second.rstrip().encode("latin-1") + last
+    return (
+        _comments(raw, end)
+        + first.rstrip().encode("latin-1")
+        + end
+        + second.rstrip().encode("latin-1")
+        + last
+    )
+
+
+def _comments(raw: bytes, end: bytes) -> bytes:
+    """Return the comments and the empty lines among a card's lines, as lines of their own."""
+    out = []
+    for line in raw.split(b"\n")[: -1 if raw.endswith(b"\n") else None]:
+        fields, mark, comment = line.rstrip(b"\r").partition(b"$")
+        if mark or not fields.strip():
+            out.append(mark + comment if fields.strip() else fields + mark + comment)
+    return b"".join(line + end for line in out)
 
 
 def read(path: Path, load: Load = read_bytes) -> Deck:
@@ -100,7 +130,7 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     source = Source(0, path, load(path))
     if b"\0" in source.data:
         raise FemorsError(f"{path}: is not a Nastran file but binary")
-    cards = cards_of(source, {"GRID", "GRDSET", "INCLUDE", *CARDS})
+    cards = cards_of(source, {"GRID", "GRDSET", "INCLUDE", *CARDS, *OTHERS})
     grids = [card for card in cards if card.name == "GRID"]
     if not grids:
         raise FemorsError(f"{path}: has no nodes (GRID cards)")
@@ -119,11 +149,12 @@ def read(path: Path, load: Load = read_bytes) -> Deck:
     named = {
         f"PID {pid}": Part(f"PID {pid}", mesh.restricted(chosen)[1], chosen) for pid, chosen in parts.items()
     }
-    missed = any(card.name == "INCLUDE" for card in cards)
-    notes = ("files that an INCLUDE names are not read",) if missed else ()
-    return Deck(
-        path, path.suffix.lower(), mesh, named, Template(path, source.data, grids, mesh.nodes), (), notes
-    )
+    there = {card.name for card in cards}
+    notes = ["files that an INCLUDE names are not read"] if "INCLUDE" in there else []
+    if there & OTHERS:
+        notes.append(f"elements of type {', '.join(sorted(there & OTHERS))} are kept as they are")
+    template = Template(path, source.data, grids, mesh.nodes)
+    return Deck(path, path.suffix.lower(), mesh, named, template, (), tuple(notes))
 
 
 def _position(source: Source, card: Card, preset: str) -> list[float]:
@@ -144,9 +175,7 @@ def _elements(
     """Return the blocks, the elements of each property id, and the cards in the order of the elements."""
     groups: dict[tuple[str, str], list[tuple[Card, list[int]]]] = {}
     for card in cards:
-        linear, quadratic = (KINDS[name] for name in CARDS[card.name])
-        texts = [card.field(index) for index in range(2, 2 + quadratic.size)]
-        kind = quadratic if all(WHOLE.fullmatch(text) for text in texts) else linear
+        kind = _kind(source, card)
         nodes = [whole(source, card, 2 + index, "the id of a node") for index in range(kind.size)]
         if kind.name in ORDER:
             nodes = [nodes[index] for index in ORDER[kind.name]]
@@ -167,6 +196,17 @@ def _elements(
     properties = np.array(pids, np.int64)
     parts = {int(pid): np.flatnonzero(properties == pid).astype(np.int32) for pid in np.unique(properties)}
     return blocks, parts, in_order
+
+
+def _kind(source: Source, card: Card) -> Kind:
+    """Return the kind of an element: linear without mid-side nodes, quadratic with all of them."""
+    linear, quadratic = (KINDS[name] for name in CARDS[card.name])
+    given = sum(bool(card.field(2 + index)) for index in range(linear.size, quadratic.size))
+    if given in (0, quadratic.size - linear.size):
+        return quadratic if given else linear
+    # as the linear kind, those that are given would belong to no element, and stay where they are
+    text = f"element {shown(card.field(0).encode())} ({card.name}) has {given} of its {len(quadratic.edges)}"
+    raise source.error(card.start, f"{text} mid-side nodes; give it all of them or none")
 
 
 def _property(source: Source, card: Card) -> int:

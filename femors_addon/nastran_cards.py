@@ -73,7 +73,8 @@ def _add(out: list[Card], lines: list[str], start: int, stop: int, names: Contai
 
 
 def _fields(line: str) -> list[str]:
-    """Return a line's data fields: eight, or four of a line in large fields."""
+    """Return a line's data fields: eight, or four of a line in large fields; a comment may follow them."""
+    line = line.partition("$")[0]
     if "," in line:
         parts = [part.strip() for part in line.split(",")]
         count = 4 if "*" in parts[0] else 8

@@ -154,6 +154,11 @@ def test_figures_stand_beside_the_points(tmp_path):
         (".mrk.json", '{"markups": [{"controlPoints": []}]}', "no landmarks"),
         (".mrk.json", '{"markups": [{"controlPoints": [{"position": [1, 2]}]}]}', "control point 1"),
         (".mrk.json", '{"markups": [{"controlPoints": [{"position": [1, 2, NaN]}]}]}', "control point 1"),
+        (
+            ".mrk.json",
+            f'{{"markups": [{{"controlPoints": [{{"position": [1{"0" * 400}, 2, 3]}}]}}]}}',
+            "point 1: three",
+        ),
         (".mrk.json", '{"markups": [{"coordinateSystem": "XYZ", "controlPoints": []}]}', "neither LPS"),
     ],
 )
@@ -196,8 +201,54 @@ def test_columns_and_names_are_found(tmp_path, text, names):
 
 
 @pytest.mark.parametrize(
+    ("text", "names", "after"),
+    [
+        ('"a\nb",1,2,3\nc,4,5,6\n', ("a\nb", "c"), '"a\nb",2,3,4\nc,5,6,7\n'),
+        (
+            '"a\r\n\r\n#b",1,2,3\r\n# c "\r\n"d",4,5,6',
+            ("a\r\n\r\n#b", "d"),
+            '"a\r\n\r\n#b",2,3,4\n# c "\nd,5,6,7\n',
+        ),
+        ('"a\rb",1,2,3\nc,4,5,6\n', ("a\rb", "c"), '"a\rb",2,3,4\nc,5,6,7\n'),
+        ('x;"y\n(mm)";z;name\n1;2;3;a\n4;5;6;b\n', ("a", "b"), 'x;"y\n(mm)";z;name\n2;3;4;a\n5;6;7;b\n'),
+        ("a\u2028b,1,2,3\nc\x85d,4,5,6\n", ("a\u2028b", "c\x85d"), "a\u2028b,2,3,4\nc\x85d,5,6,7\n"),
+        ("a\fb,1,2,3\n\nc\x1cd,4,5,6\n", ("a\fb", "c\x1cd"), "a\fb,2,3,4\n\nc\x1cd,5,6,7\n"),
+        ("a,1,2,3\rb,4,5,6\r", ("a", "b"), "a,2,3,4\nb,5,6,7\n"),
+    ],
+)
+def test_line_breaks_in_names_of_a_csv_file(tmp_path, text, names, after):
+    path = tmp_path / "marks.csv"
+    path.write_bytes(text.encode())
+    marks = read(path)
+    assert marks.names == names
+    assert marks.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+    out = encoded(path, marks.with_points(marks.points + 1))
+    assert out.decode() == after
+    for content in (out, encoded(path, Landmarks(marks.points + 1, names))):  # and from scratch
+        path.write_bytes(content)
+        assert read(path).names == names
+        assert read(path).points.tolist() == [[2, 3, 4], [5, 6, 7]]
+
+
+def test_line_breaks_in_names_elsewhere(tmp_path):
+    """U+2028 does not end a line of an fcsv file; what does is a space there. Messages stay one line."""
+    names = ("a\u2028b", "c\nd", "e")
+    for ending, expected in ((".fcsv", ("a\u2028b", "c d", "e")), (".mrk.json", names)):
+        path = tmp_path / f"marks{ending}"
+        path.write_bytes(encoded(path, Landmarks(POINTS, names)))
+        assert read(path).names == expected
+        path.write_bytes(encoded(path, read(path).with_points(POINTS + 1)))
+        assert read(path).names == expected
+        assert np.array_equal(read(path).points, POINTS + 1)
+    with pytest.raises(FemorsError, match=r"of the same name: a[?]b, c[?]d, f, g$"):
+        landmarkfiles.paired(Landmarks(POINTS, names), Landmarks(POINTS, ("f", "g", "e")))
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
+        ('x,y,z,note\n1,2,3,"5 mm\n4,5,6,b\n', "line 2: is not a row of a CSV file; close the quote"),
+        ('a,1,2,3\n"b\nc",4,5,6\nd,7,8\n', "line 4: 4 values are needed, not 3"),
         ("1,5;2,5;3,5\n4,5;5,5;6,5\n", "decimal commas"),
         ("name;x;y;z\na;1,5;2,5;3,5\n", "decimal commas"),
         ("1 2 3\n4 5 6\n", "spaces between"),

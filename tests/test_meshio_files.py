@@ -176,6 +176,53 @@ def test_from_scratch_and_back(tmp_path, suffix):
         assert {"solid", "shell"} <= set(deck.parts)
 
 
+@pytest.mark.parametrize("suffix", [".vtk", ".vtu", ".msh", ".mesh"])
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_every_kind_comes_back_or_is_refused(tmp_path, suffix, kind):
+    """Beside a tetrahedron, so that what is left out does not leave the file empty; also where nodes move."""
+    rng = np.random.default_rng(0)
+    rows = [(name, rng.permutation(25)[: KINDS[name].size]) for name in ("tet4", kind)]
+    blocks = tuple(Block(name, row[None], np.array([index])) for index, (name, row) in enumerate(rows, 1))
+    mesh = VolumeMesh(rng.normal(size=(25, 3)), blocks, np.arange(1, 26))
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".mesh" and KINDS[kind].edges:
+        with pytest.raises(FemorsError, match=rf"^\.mesh files hold no elements like {kind}; write \.vtu or"):
+            meshio_files.fresh(mesh, {}, suffix)
+        return
+    path.write_bytes(meshio_files.fresh(mesh, {}, suffix))
+    deck = deckfiles.read_deck(path)
+    deck.with_coordinates(deck.coordinates + 1).write(tmp_path / f"b{suffix}")
+    for again in (deck, deckfiles.read_deck(tmp_path / f"b{suffix}")):
+        there = [(block.kind, row) for block in again.mesh.blocks for row in block.nodes.tolist()]
+        assert there == [(name, row.tolist()) for name, row in rows]
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "edges"),
+    [
+        ("penta15", "18", ((0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 5), (4, 5))),
+        ("pyra13", "19", ((0, 1), (0, 3), (0, 4), (1, 2), (1, 4), (2, 3), (2, 4), (3, 4))),
+    ],
+)
+def test_mid_side_nodes_stand_where_gmsh_has_them(kind, number, edges):
+    """Gmsh's reference manual, "Node ordering"."""
+    shape = KINDS[kind]
+    mesh = VolumeMesh(
+        np.random.default_rng(0).normal(size=(shape.size, 3)),
+        (Block(kind, np.arange(shape.size)[None], np.array([1])),),
+        np.arange(shape.size) + 1,
+    )
+    words = (
+        meshio_files.fresh(mesh, {}, ".msh").decode().partition("$Elements\n1\n")[2].split("\n")[0].split()
+    )
+    nodes = [int(word) - 1 for word in words[-shape.size :]]
+    assert words[1] == number
+    assert nodes[: shape.corners] == list(range(shape.corners))
+    assert [set(shape.edges[node - shape.corners]) for node in nodes[shape.corners :]] == list(
+        map(set, edges)
+    )
+
+
 def test_one_line_where_meshio_is_missing(tmp_path, monkeypatch):
     meshio.write(tmp_path / "a.vtu", made())
     for name in [name for name in sys.modules if name.split(".")[0] == "meshio"]:

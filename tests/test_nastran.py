@@ -80,6 +80,27 @@ def test_only_cards_of_nodes_that_moved_change(tmp_path, newline):
     assert np.allclose(deckfiles.read_deck(tmp_path / "out.bdf").coordinates, moved, atol=1e-12, rtol=0)
 
 
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_comments_in_the_cards_of_nodes_that_moved_are_kept(tmp_path, newline):
+    """They come before the card, for other programs may not look for them in it."""
+    large = "GRID*                  4                             0.0             0.0\n"
+    text = BDF.replace(large, f"{large}$ within: 1.5\n\n  $GRID,7\n").replace(",1.+0,0.", ",1.+0,0. $ behind")
+    text = text.replace("grid,5", "$ before\ngrid,5").replace("\n", newline)
+    deck = deck_of(tmp_path, text)
+    assert np.array_equal(deck.coordinates, deck_of(tmp_path, BDF).coordinates)
+    assert deck.encoded() == text.encode()
+    moved = deck.coordinates + [0, 0, 2]
+    out = deck.with_coordinates(moved).encoded().decode()
+    assert np.array_equal(deck_of(tmp_path, out).coordinates, moved)
+    lines = [line[:24].rstrip() for line in out.split(newline)]
+    at = lines.index("$ behind")
+    assert lines[at : at + 11] == [
+        *("$ behind", "GRID*   3", "*       2.0"),
+        *("$ within: 1.5", "", "  $GRID,7", "GRID*   4", "*       3.0"),
+        *("$ before", "GRID*   5", "*       2.0"),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "value"),
     [
@@ -136,7 +157,16 @@ def test_files_that_are_no_decks(tmp_path):
             deck_of(tmp_path, content)
     assert deck_of(tmp_path, "INCLUDE 'a.bdf'\n" + BDF.partition("BULK\n")[2]).notes == (
         "files that an INCLUDE names are not read",
+        "elements of type CBAR are kept as they are",
     )
+
+
+def test_elements_that_take_no_part_are_told(tmp_path):
+    more = "RBE2*,21,1,123,2\n*,3\nrbe3,22,,3,123\nCORD2R,5,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\nENDDATA"
+    assert deck_of(tmp_path, BDF.replace("ENDDATA", more)).notes == (
+        "elements of type CBAR, RBE2, RBE3 are kept as they are",
+    )
+    assert deck_of(tmp_path, BDF.replace("CBAR ", "$    ")).notes == ()
 
 
 @pytest.mark.parametrize("wide", [0, 10**9])
@@ -157,3 +187,31 @@ def test_every_kind_there_and_back(tmp_path, wide):
         assert again[number].kind == block.kind
         assert np.array_equal(again[number].nodes, block.nodes)
     assert {name: len(part.elements) for name, part in deck.parts.items()} == {"PID 1": 4, "PID 2": 8}
+
+
+MIDS = "".join(f"GRID,{11 + index},,{index}.,9.,9.\n" for index in range(12))
+
+
+@pytest.mark.parametrize(
+    ("card", "kind"),
+    [
+        ("CTETRA,1,7,1,2,3,4,11,12\n,13,14,15,16", "tet10"),
+        ("CTETRA,1,7,1,2,3,4,,\n,,,,", "tet4"),
+        ("CTETRA  1       7       1       2       3       4       $ 9", "tet4"),
+        ("CTRIA6,1,7,1,2,3,11,12,13\n,45.", "tri6"),
+        ("CTRIA6,1,7,1,2,3,,,\n,45.", "tri3"),
+        ("CTETRA,1,7,1,2,3,4,11,12\n,13,,15,16", "element 1 (CTETRA) has 5 of its 6 mid-side nodes; give it"),
+        ("CQUAD8,1,7,1,2,3,4,11,\n,,", "element 1 (CQUAD8) has 1 of its 4 mid-side nodes; give it all of"),
+        ("CTRIA6,1,7,1,2,3,x,,", "element 1 (CTRIA6) has 1 of its 3 mid-side nodes"),
+        ("CTRIA6,1,7,1,2,3,11,x,12", "the id of a node was expected, not 'x'"),
+    ],
+)
+def test_mid_side_nodes_are_there_all_or_none(tmp_path, card, kind):
+    content = BDF.partition("CTETRA")[0] + MIDS + card + "\nENDDATA\n"
+    if kind in KINDS:
+        assert [block.kind for block in deck_of(tmp_path, content).mesh.blocks] == [kind]
+        return
+    with pytest.raises(FemorsError) as caught:
+        deck_of(tmp_path, content)
+    assert str(caught.value).startswith(f"{tmp_path / 'deck.bdf'}: line 26: ")
+    assert kind in str(caught.value) and "\n" not in str(caught.value)
