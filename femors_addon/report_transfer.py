@@ -186,8 +186,8 @@ def transfer_report(
     marked = [one for one in carried if one.names]
     for one in marked:
         beside = {"file": one.name} if len(marked) > 1 else {}  # which of them a landmark is of
-        for row in landmark_rows(one, size, (known or {}).get(one.name)):
-            rows.append({"landmark": row.pop("landmark"), **beside, **row})
+        found = landmark_rows(one, size, (known or {}).get(one.name))
+        rows += [{"landmark": row["landmark"], **beside, **row} for row in found]
     if rows:
         out["landmarks"] = rows
     things = [thing_row(one, size) for one in carried if not one.names]
