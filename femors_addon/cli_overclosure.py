@@ -25,8 +25,9 @@ DONE, IMPERFECT = 0, 1
 
 EXIT_CODES = """exit codes:
   0    certified: nothing crosses, every node keeps the gap to the surfaces of the other bodies
-       (edges may be nearer each other), no element was inverted, or there was nothing to do;
-       with --check: nothing overlaps and every node keeps the gap
+       (edges may be nearer each other, and mid-side nodes of quadratic elements: a note says how
+       near), no element was inverted, or there was nothing to do;
+       with --check: nothing overlaps and every node keeps the gap, with the same exceptions
   1    not reached: the best state is written, the reason is on stderr; with --check: bodies
        overlap or are too near
   2    bad input or usage: one line on stderr, nothing is written
@@ -122,16 +123,16 @@ def _check(
         figures = functools.partial(overclosure_figures, bodies, None, deepest, exclude)
         files.write_bytes(args.report, _encoded(args, report, figures))
         console.written = True
-    for note in () if args.quiet else notes:
-        console.warn(f"note: {note}")
     for finding in found:
         console.say(str(finding))
     bad = sum(not finding.clear for finding in found)
     if bad:
         console.warn(counted(bad, "pair overlaps or is too near", "pairs overlap or are too near"))
-        return IMPERFECT
-    console.say(f"no overclosure among {len(bodies)} bodies")
-    return DONE
+    else:
+        console.say(f"no overclosure among {len(bodies)} bodies")
+    for note in () if args.quiet else notes:  # last: one may say what the line above is worth
+        console.warn(f"note: {note}")
+    return IMPERFECT if bad else DONE
 
 
 def _write(

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     check_paths(inputs, [*outputs, *others])
     for path in args.inputs:
         if not landmarkfiles.is_landmarks(path):
-            deckfiles.suffix_of(path)
+            deckfiles.suffix_of(path, landmarkfiles.FORMATS)
     if args.report is not None:
         check_ending(args.report)
     files.check_folder(args.out)

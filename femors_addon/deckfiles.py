@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,16 @@ _SETS = (".inp", ".feb")  # formats that hold sets
 _IDS = (".inp", ".feb", ".bdf", ".nas", ".fem", ".vtk", ".vtu")  # and numbers of nodes and elements
 
 
-def suffix_of(path: Location) -> str:
-    """Return a path's ending in lower case; raise `FemorsError` where it is no known format."""
+def suffix_of(path: Location, others: Iterable[str] = ()) -> str:
+    """Return a path's ending in lower case; raise `FemorsError` where it is no known format.
+
+    `others` are endings that are known where the path was given, for the message.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in ENDINGS:
         check_no_folder(path)
-        raise FemorsError(f"{path}: '{suffix}' is not a known kind of file; use {', '.join(ENDINGS)}")
+        known = ", ".join((*ENDINGS, *others))
+        raise FemorsError(f"{path}: '{suffix}' is not a known kind of file; use {known}")
     return suffix
 
 

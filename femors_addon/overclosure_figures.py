@@ -15,8 +15,10 @@ from .bodies import Solid
 from .crew import together
 from .cutouts import Region, normals_at
 from .distances import Target
+from .findings import Finding
 from .intersect import crossings
 from .mesh import Float, Surface
+from .progress import listed
 from .quality import Stat, aspect_ratio, dihedral_angles
 from .rays import first_hits
 from .separation import thickness
@@ -199,6 +201,46 @@ def losses_of(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str
                 "does the right body give way?"
             )
     return told
+
+
+def mid_sides_of(solids: Sequence[Solid], findings: Sequence[Finding]) -> list[str]:
+    """Tell how near the mid-side nodes of quadratic elements are, of the pairs that are clear.
+
+    Gaps are asked for, and certified, at the corner nodes alone.
+    """
+    of = {solid.name: solid for solid in solids}
+    near: dict[str, float] = {}
+    for finding in findings:
+        for name, other in (finding.names, finding.names[::-1]) if finding.clear else ():
+            least = _nearest_mid_side(of[name], of[other], finding.least)
+            if least is not None:
+                near[name] = min(near.get(name, np.inf), least)
+    if not near:
+        return []
+    least = min(near.values())
+    place = f"{least:.4g} away from" if least > 0 else f"{-least:.4g} deep in"
+    return [
+        "gaps are those of corner nodes; of the mid-side nodes of quadratic elements "
+        f"({listed(sorted(near))}) the nearest is {place} the other body"
+    ]
+
+
+def _nearest_mid_side(solid: Solid, other: Solid, least: float) -> float | None:
+    """Signed distance to another body of the mid-side node on the surface that is nearest to it.
+
+    None where there are none beside it; `least` is the distance of the nearest corner.
+    """
+    if solid.mesh is None or not len(solid.mesh.mid_nodes):
+        return None
+    shell, on = solid.mesh.surface()
+    mid, *ends = solid.mesh.mid_nodes.T
+    count = len(solid.mesh.nodes)
+    outer = np.sort(on[shell.edges].astype(np.int64), axis=1) @ (count, 1)
+    points = solid.nodes[mid[np.isin(np.column_stack(ends).astype(np.int64) @ (count, 1), outer)]]
+    low, high = other.surface.bounds
+    away = triples.length(np.maximum(np.maximum(low - points, points - high), 0.0))  # from its box
+    points = points[away <= max(least, 0.0) + solid.longest_now]
+    return float(Target(other).near(points).min()) if len(points) else None
 
 
 def _shape(surface: Surface) -> tuple[Stat, Stat, float]:

@@ -16,7 +16,7 @@ from .crew import each
 from .cutouts import Region
 from .findings import CONTAINED, NEAR, Finding
 from .intersect import crossings
-from .overclosure_figures import BodyResult, figures_of, losses_of
+from .overclosure_figures import BodyResult, figures_of, losses_of, mid_sides_of
 from .overclosure_settings import OverclosureSettings
 from .passing import Passing
 from .progress import Progress, counted
@@ -152,7 +152,7 @@ def result_of(
     progress: Progress,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is ""; the rest as in `Removal`."""
-    jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before)]
+    jobs: list[Callable[[], Any]] = [partial(notes_of, solids, before, after)]
     jobs += [partial(figures_of, solid, efforts) for solid in solids]
     measured: list[Any] = []
     with contextlib.closing(each(jobs)) as figures:
@@ -282,8 +282,13 @@ def _changes(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str]
     return notes
 
 
-def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
-    """Return what the user should know of bodies and of what was found among them, in words."""
+def notes_of(
+    solids: Sequence[Solid], before: Sequence[Finding], after: Sequence[Finding] | None = None
+) -> list[str]:
+    """Return what the user should know of bodies and of what was found among them, in words.
+
+    `after` is what is found where they are now, if that is not what was found before.
+    """
     notes = [note for solid in solids for note in solid.notes]
     for solid in solids:
         if solid.open_edges:
@@ -321,7 +326,7 @@ def notes_of(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
                 f"{finding.one} and {finding.two}: the gap of {finding.gap:g} is {finding.gap / size:.0%} of "
                 "the smaller body's size; is it in the bodies' unit?"
             )
-    return notes
+    return notes + mid_sides_of(solids, before if after is None else after)
 
 
 def _crossed(solid: Solid, solids: Sequence[Solid], before: Sequence[Finding]) -> int:

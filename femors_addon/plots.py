@@ -102,9 +102,13 @@ def bar(name: str, low: float, high: float, label: str) -> str:
         f'<rect x="{20 + 1.25 * i:.2f}" y="18" width="1.6" height="14" fill="rgb({r},{g},{b})"/>'
         for i, (r, g, b) in enumerate(colours.tolist())
     )
-    words = "".join(
-        f'<text x="{20 + 320 * share:.0f}" y="46" text-anchor="middle">{number(value)}</text>'
-        for share, value in ((0.0, low), (0.5, (low + high) / 2), (1.0, high))
+    words = "".join(  # each within the bar, however long
+        f'<text x="{20 + 320 * share:.0f}" y="46" text-anchor="{anchor}">{number(value)}</text>'
+        for share, anchor, value in (
+            (0.0, "start", low),
+            (0.5, "middle", (low + high) / 2),
+            (1.0, "end", high),
+        )
     )
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 440 52" width="440" height="52" '

@@ -207,6 +207,9 @@ def _history(history: Any) -> Iterator[Item]:
     if set(history[0]) == set(REMOVAL):
         history = [{REMOVAL[key]: value for key, value in step.items()} for step in history]
         yield from _removal(history)
+        first = _first_count(history)
+        blank: dict[str, Any] = {"edges crossing": None}  # they need not have been counted there
+        history = [step if i >= first else {**step, **blank} for i, step in enumerate(history)]
     else:
         numbers = [
             key
@@ -241,8 +244,8 @@ def _removal(history: Any) -> Iterator[Item]:
             "what is 0 has no point.",
         )
     points = series("edges crossing")
-    first = next((i for i, step in enumerate(history) if step["edges crossing"]), None)
-    if first is None:
+    first = _first_count(history)
+    if first == len(history):
         yield "Edges crossing: none; they are counted once a pair is nearly apart."
         return
     counts = curves({key: some[first:] for key, some in points.items()}, "iteration", "edges", False)
@@ -251,6 +254,14 @@ def _removal(history: Any) -> Iterator[Item]:
         "Edges of the bodies that cross another body's surface. They are counted once a pair is nearly "
         "apart, so the first point is the first count above 0.",
     )
+
+
+def _first_count(history: Any) -> int:
+    """Return at which step edges were first counted to cross, or the number of steps where none were.
+
+    Before it, a 0 may mean that they were not counted.
+    """
+    return next((i for i, step in enumerate(history) if step["edges crossing"]), len(history))
 
 
 def _place(place: Any) -> str:

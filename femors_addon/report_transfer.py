@@ -182,11 +182,12 @@ def transfer_report(
         "distance_before": f"from the {before}; negative inside",
         "distance_after": f"from {ends}; negative inside" if transfer.settings.strength == 1.0 else None,
     }
-    rows = []
-    for one in carried:
-        if one.names:
-            found = (known or {}).get(one.name)
-            rows += landmark_rows(one, size, found)
+    rows: list[dict[str, Any]] = []
+    marked = [one for one in carried if one.names]
+    for one in marked:
+        beside = {"file": one.name} if len(marked) > 1 else {}  # which of them a landmark is of
+        found = landmark_rows(one, size, (known or {}).get(one.name))
+        rows += [{"landmark": row["landmark"], **beside, **row} for row in found]
     if rows:
         out["landmarks"] = rows
     things = [thing_row(one, size) for one in carried if not one.names]

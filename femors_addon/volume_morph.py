@@ -54,6 +54,8 @@ class VolumeMorphResult:
         Ids of the elements that were inverted on input; they were left alone.
     inverted_new : (k,) int64
         Ids of elements inverted by the morph: always empty.
+    inverted : int
+        How many elements are inverted in the result; one that was on input may have become valid.
     held : (k,) int32
         Indices of the nodes that were stopped short of the target, so that no element is inverted.
     held_by : float
@@ -66,6 +68,7 @@ class VolumeMorphResult:
     after: VolumeQuality
     inverted_input: Ids
     inverted_new: Ids
+    inverted: int
     held: Int
     held_by: float
     seconds: float
@@ -91,11 +94,6 @@ class VolumeMorphResult:
         }
 
     @property
-    def inverted(self) -> int:
-        """How many elements are inverted: those that were on input, which `before` and `after` leave out."""
-        return len(self.inverted_input) + len(self.inverted_new)
-
-    @property
     def volume_change(self) -> float:
         """Change of the volume, as a share of what it was."""
         return self.after.volume / self.before.volume - 1.0 if self.before.volume else 0.0
@@ -109,6 +107,8 @@ class VolumeMorphResult:
             f"{'volume':28}{self.before.volume:<36.6g}{self.after.volume:.6g} ({self.volume_change:+.1%})",
             f"{'inverted elements':28}{len(self.inverted_input):<36}{self.inverted}",
         ]
+        if len(self.inverted_input):
+            lines.append(f"inverted before, and not in these scaled Jacobians: {len(self.inverted_input)}")
         if len(self.held):
             lines.append(
                 f"{counted(len(self.held), 'node')} held back by up to {self.held_by:.3g} to keep "
@@ -197,6 +197,7 @@ def morph_volume(
         after=VolumeQuality.of(final, valid),
         inverted_input=np.asarray(ids[~valid]),
         inverted_new=np.asarray(ids[valid & (after <= 0)]),
+        inverted=int((after <= 0).sum()),
         held=held,
         held_by=held_by,
         seconds=time.process_time() - started,

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 from pathlib import Path
 
@@ -37,6 +39,16 @@ def folder(tmp_path: Path) -> Path:
 
 def run(*words: object) -> int:
     return main(["overclosure", *map(str, words)])
+
+
+def test_a_doubt_about_units_comes_after_the_verdict_of_a_check(folder):
+    meshfiles.write(folder / "vast.stl", MeshFile.of(moved(sphere(2, 10_000.0), (0, 20_000, 0))))
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        assert run("--check", folder / "one.stl", folder / "vast.stl") == 0
+    lines = said.getvalue().splitlines()
+    verdict = lines.index("no overclosure among 2 bodies")
+    assert any("in one unit of length?" in line for line in lines[verdict + 1 :])
 
 
 @pytest.mark.parametrize("quiet", [[], ["--quiet"]])

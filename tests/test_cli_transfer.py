@@ -99,6 +99,23 @@ def test_a_report_has_every_landmark_and_file_before_and_after(files, capsys):
     assert "landmarks.2.distance_after" in reports[2].read_text()
 
 
+def test_a_report_says_of_which_file_a_landmark_is(files, capsys):
+    (files / "more.csv").write_text((files / "marks.csv").read_text().replace("a,", "z,"))
+    reports = [files / name for name in ("r.json", "r.html")]
+    for inputs, expected in (
+        (["marks.csv"], [("a", None), ("b", None), ("c", None)]),  # one file needs no column
+        (["marks.csv", "more.csv"], [*((n, "marks.csv") for n in "abc"), *((n, "more.csv") for n in "zbc")]),
+    ):
+        args = ["transfer", files / "f.npz", *(files / name for name in inputs), "--quiet"]
+        for report in reports:
+            assert run(capsys, *args, "-o", files / "out", "--report", report)[0] == 0
+        rows = json.loads(reports[0].read_text())["landmarks"]
+        assert [(row["landmark"], row.get("file")) for row in rows] == expected
+        page = reports[1].read_text()
+        assert ("<th>Landmark</th><th>File</th><th>Before</th>" in page) == (len(inputs) > 1)
+        assert ("<tr><th>z</th><td>more.csv</td>" in page) == (len(inputs) > 1)
+
+
 def test_a_report_says_what_the_field_does_not_reach(files, capsys):
     far = np.vstack([MARKS[:1], MARKS[1:2] + 0.3 * CARRIER.size, MARKS[2:] + 9 * CARRIER.size])
     landmarkfiles_lines = [f"{x!r},{y!r},{z!r}" for x, y, z in far.tolist()]
@@ -157,6 +174,7 @@ def test_slicers_files_in_the_other_axes(files, capsys):
         (["f.npz", "site.stl", "-o", "."], "also an input"),
         (["f.npz", "site.stl", "site.stl", "-o", "out"], "two outputs"),
         (["f.npz", "notes.txt", "-o", "out"], "not a known kind"),
+        (["f.npz", "notes.txt", "-o", "out"], ".vtk, .vtu, .msh, .mesh, .mrk.json, .json, .fcsv, .csv"),
         (["f.npz", "twice.csv", "-o", "out"], "'a' stands twice"),
         (["f.npz", "site.stl", "-o", "out", "--strength", "2"], "--strength: "),
         (["f.npz", "site.stl", "-o", "out", "--strength", "0.5", "--project", "target.ply"], "strength 1"),

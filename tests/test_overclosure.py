@@ -7,15 +7,17 @@ import itertools
 
 import numpy as np
 import pytest
-from solids import box, hexes, moved, sphere
+from solids import box, gaps, hexes, moved, sphere
 from spheres import GAP, TILT, assert_apart, pair, plates, smallest_gap, surface_of
 
 from femors_addon.bodies import Body
+from femors_addon.elements import KINDS
 from femors_addon.intersect import crossings
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
 from femors_addon.overclosure import OverclosureSettings, check_overclosure, remove_overclosure
 from femors_addon.progress import FemorsError
+from femors_addon.volume import Block, VolumeMesh
 
 
 @pytest.mark.parametrize("depth", [0.01, 0.1, 1.0, 3.0, 8.0])
@@ -138,6 +140,45 @@ def test_plates_deeper_than_half_their_thickness_do_not_pass_through_each_other(
         column = [np.hypot(m.nodes[:, 0] - x, m.nodes[:, 1] - y) < 1.5 for m in (low, high)]
         assert low.nodes[column[0], 2].max() < high.nodes[column[1], 2].min() + 0.8
         assert low.nodes[column[0], 2].mean() < high.nodes[column[1], 2].mean() - 0.7
+
+
+def quadratic(mesh: VolumeMesh, bulge: float) -> VolumeMesh:
+    """The same hexahedra with mid-side nodes, those on the topmost edges raised by `bulge`."""
+    rows = mesh.blocks[0].nodes
+    ends = np.sort(np.stack([rows[:, edge] for edge in KINDS["hex20"].edges], axis=1).reshape(-1, 2), axis=1)
+    edges, which = np.unique(ends, axis=0, return_inverse=True)
+    middle = mesh.nodes[edges].mean(axis=1)
+    middle[middle[:, 2] > mesh.nodes[:, 2].max() - 1e-9, 2] += bulge
+    rows = np.column_stack((rows, len(mesh.nodes) + which.reshape(len(rows), -1)))
+    nodes = np.concatenate((mesh.nodes, middle))
+    return VolumeMesh(nodes, (Block("hex20", rows, mesh.blocks[0].ids),), np.arange(len(nodes)) + 1)
+
+
+@pytest.mark.parametrize(("bulge", "place"), [(0.06, "0.04 away from"), (0.13, "0.03 deep in")])
+def test_mid_side_nodes_that_are_nearer_than_the_corners_are_told(bulge, place):
+    low, high = hexes((6, 6, 2), (20, 20, 2)), hexes((5, 5, 2), (18, 18, 2), centre=(0.3, 0.2, 2.1))
+    told: list[str] = []
+    bodies = [Body("low", quadratic(low, bulge)), Body("high", high)]
+    (found,) = check_overclosure(bodies, OverclosureSettings(gap=GAP), tell=told.append)
+    assert found.clear and found.least == pytest.approx(0.1, abs=1e-5)
+    assert told == [
+        "gaps are those of corner nodes; of the mid-side nodes of quadratic elements (low) the nearest is "
+        f"{place} the other body"
+    ]
+    told.clear()
+    check_overclosure([Body("low", low), Body("high", high)], tell=told.append)
+    assert not told
+
+
+def test_mid_side_nodes_are_told_where_a_removal_has_left_them():
+    low, high = quadratic(hexes((6, 6, 2), (20, 20, 2)), 0.0), hexes((5, 5, 2), (18, 18, 2), 0.004)
+    high = high.moved(high.nodes + (0.3, 0.2, 1.7))
+    result = remove_overclosure([Body("low", low), Body("high", high)], OverclosureSettings(gap=GAP))
+    assert result.certified and result.bodies[0].moved
+    mine, other = (body.mesh for body in result.bodies)
+    middle = gaps(mine.nodes[len(hexes((6, 6, 2), (20, 20, 2)).nodes) :], other.surface()[0]).min()
+    (note,) = (note for note in result.notes if "mid-side" in note)
+    assert f"(low) the nearest is {middle:.4g} away from" in note
 
 
 def test_an_element_inverted_on_input_is_left_and_told():

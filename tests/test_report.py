@@ -163,6 +163,9 @@ def test_a_removals_convergence_has_plots_of_its_own():
         for head in ("Iteration", "Depth left", "Edges crossing", "Spread"):
             assert f"<th>{head}</th>" in rows
         assert not Page(page).open
+        table = items[-1]
+        column = table.head.index("Edges crossing")
+        assert [row[column] for row in table.rows] == ["", "", "40", "10", "0", "0"], "not counted is not 0"
 
 
 def test_edges_that_were_never_counted_have_no_plot():
@@ -170,6 +173,7 @@ def test_edges_that_were_never_counted_have_no_plot():
     items = report_tables.sections(report)[0].items
     assert [type(one).__name__ for one in items] == ["Figure", "str", "Table"]
     assert items[1].startswith("Edges crossing: none")
+    assert items[2].head == ("Iteration", "Depth left", "Spread"), "0 of what was not counted"
 
 
 def test_a_page_has_base_names_and_notes_apart_from_warnings():
@@ -279,6 +283,14 @@ def test_plots_are_sound_svg():
         assert ElementTree.fromstring(drawn).tag.endswith("svg")
         assert "nan" not in drawn and "inf" not in drawn
     assert plots.histogram({}, "x") == "" and plots.curves({"a": [(1, 0.0)]}, "i", "mm") == ""
+
+
+def test_a_legend_shows_its_ends_whole():
+    drawn = ElementTree.fromstring(plots.bar("lagoon", -0.000123, 123456.0, "mm"))
+    _, *ends = [one for one in drawn.iter() if one.tag.endswith("text")]
+    assert [one.text for one in ends] == ["-0.000123", "6.173e+04", "1.23e+05"]
+    places = [(one.get("text-anchor"), float(one.get("x"))) for one in ends]
+    assert places == [("start", 20.0), ("middle", 180.0), ("end", 340.0)], "centred ends leave the picture"
 
 
 def test_a_histogram_has_the_shares():

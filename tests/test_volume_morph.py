@@ -103,6 +103,25 @@ def test_elements_inverted_on_input_are_left_alone_and_named():
     ]
 
 
+def test_an_inverted_element_that_becomes_valid_is_not_counted_afterwards():
+    mesh = plate((6, 5, 2))
+    nodes = mesh.nodes.copy()
+    inner = np.setdiff1d(np.arange(len(nodes)), mesh.surface()[1])
+    nodes[inner[0]] += [0, 0, 1.6]  # just out of its plate, which the target makes thicker
+    broken = mesh.moved(nodes)
+    bad = int((scaled_jacobians(broken) <= 0).sum())
+    surface, at = broken.surface()
+    result = morph_volume(broken, Surface(warp(nodes * [1, 1, 1.5])[at], surface.faces))
+    left = int((scaled_jacobians(broken.moved(result.nodes)) <= 0).sum())
+    assert bad > left == result.inverted
+    told = result.report()["volume"]
+    assert (told["before"]["inverted"], told["after"]["inverted"]) == (bad, left)
+    assert len(told["inverted_on_input"]) == bad
+    said = result.summary().splitlines()
+    assert ["inverted", "elements", str(bad), str(left)] in [line.split() for line in said]
+    assert f"inverted before, and not in these scaled Jacobians: {bad}" in said
+
+
 def test_reshaping_lifts_the_worst_element():
     mesh = plate()
     _, at = mesh.surface()
