@@ -63,8 +63,8 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
         notes.append(
             counted(
                 cracked,
-                f"vertex stood on a crack narrower than {CRACK:g} of an edge and was {MERGED}",
-                f"vertices stood on cracks narrower than {CRACK:g} of an edge and were {MERGED}",
+                f"vertex stood on a crack narrower than {CRACK:g} of an edge and was merged for the maths",
+                f"vertices stood on cracks narrower than {CRACK:g} of an edge and were merged for the maths",
             )
         )
     faces, face_map = _proper_faces(merged[raw.faces], raw.vertices[vertex_map], notes)
@@ -81,8 +81,8 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
         notes.append(
             counted(
                 shared,
-                f"vertex stood twice or more and was {MERGED}",
-                f"vertices stood twice or more and were {MERGED}",
+                "vertex stood twice or more and was merged for the maths",
+                "vertices stood twice or more and were merged for the maths",
             )
         )
     unused = int((to_clean < 0).sum())
