@@ -102,22 +102,7 @@ def build_fcsv(points: Float, names: Sequence[str], template: _Fcsv | None, spac
         rows: list[tuple[int, tuple[str, ...]]] = []
         for number, name in enumerate(names, 1):
             label = re.sub(r"[\r\n]+", " ", name)  # Slicer reads a line as a row
-            made: tuple[str, ...] = (
-                str(number),
-                "",
-                "",
-                "",
-                "0",
-                "0",
-                "0",
-                "1",
-                "1",
-                "1",
-                "0",
-                label,
-                "",
-                "",
-            )
+            made: tuple[str, ...] = (str(number), *[""] * 3, *"0001110", label, "", "")
             rows.append((len(lines), made))
             lines.append("")
         template = _Fcsv(tuple(lines), tuple(rows), space)
