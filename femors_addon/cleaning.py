@@ -134,8 +134,9 @@ def _merge(surface: Surface) -> tuple[Int, Int, int]:
         same = first = np.arange(len(surface.vertices), dtype=np.int32)
     else:
         same, first = _by_appearance(triples.unique_rows(surface.vertices)[1])
-    whole = surface.vertices[first], same[surface.faces]
-    pairs = _cracks(surface if len(first) == len(surface.vertices) else Surface(*whole))
+    if len(first) < len(surface.vertices):
+        surface = Surface(surface.vertices[first], same[surface.faces])
+    pairs = _cracks(surface)
     if not len(pairs):
         return same, first, 0
     joined, at = _by_appearance(connected(pairs, len(first))[same])
