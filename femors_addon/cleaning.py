@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +16,10 @@ from .mesh import Float, Int, Surface, connected
 from .orientation import oriented
 from .progress import FemorsError, counted
 
-CRACK = 1e-3  # mean edges: two borders that are nearer than that belong together
-LOOSE, SCATTERED = 100, 0.1  # pieces, and pieces for each face: more are triangles that were not merged
+CRACK = 0.01  # of the shortest edge at either of two vertices on open borders: nearer, they belong together
+LOOSE, SCATTERED = 100, 0.1  # open pieces, and those for each face: more are triangles that were not merged
 MERGED = "merged for the maths"
-"""How a note ends that is no warning; of STL files, which share no vertex, it is not said."""
+"""How a note ends that is no warning; of equal corners in STL files, which share none, it is not said."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,8 +48,8 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     """Merge, deduplicate and orient a triangle mesh; the input is left as it is.
 
     Vertices at equal coordinates are merged, and so are those on open borders, of a crack or of triangles
-    with rounded corners, that are nearer to each other than `CRACK`. Winding is made consistent and outward
-    component by component; a closed shell inside another points inward.
+    with rounded corners, that are nearer to each other than `CRACK` allows. Winding is made consistent and
+    outward component by component; a closed shell inside another points inward.
 
     Raises
     ------
@@ -58,8 +59,8 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     """
     raw = _named(name, vertices, triangles)
     notes: list[str] = []
-    merged, vertex_map, cracked = _merge(raw)
-    if cracked:
+    same, merged, vertex_map = _merge(raw)
+    if cracked := int(same.max()) + 1 - len(vertex_map):
         notes.append(
             counted(
                 cracked,
@@ -76,8 +77,8 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     lookup = np.full(len(vertex_map), -1, dtype=np.int32)
     lookup[used] = np.arange(len(used), dtype=np.int32)
     to_clean = lookup[merged]
-    shared = int((np.bincount(to_clean[to_clean >= 0], minlength=len(used)) > 1).sum())
-    if shared and not _apart(raw) and not cracked:
+    shared = int((np.bincount(same[to_clean >= 0]) > 1).sum())
+    if shared and not _apart(raw):
         notes.append(
             counted(
                 shared,
@@ -92,11 +93,11 @@ def clean(vertices: ArrayLike, triangles: ArrayLike, name: str = "mesh") -> Clea
     if turned:
         verb = "was" if turned == 1 else "were"
         notes.append(f"{turned} of {len(faces)} faces {verb} wound inward and turned for the maths")
-    pieces = int(surface.components.max()) + 1
+    pieces = int((~surface.closed).sum())
     if pieces > max(LOOSE, SCATTERED * len(faces)):
         notes.append(
-            f"is in {pieces} pieces, of {len(faces)} faces: corners that belong together stand apart; merge "
-            "them first (in Blender: Mesh > Merge > By Distance)"
+            f"is in {pieces} open pieces, of {len(faces)} faces: if corners that belong together stand "
+            "apart, merge them first (in Blender: Mesh > Merge > By Distance)"
         )
     return Cleaned(surface, to_clean, face_map, tuple(f"{name}: {note}" for note in notes))
 
@@ -125,22 +126,20 @@ def _named(name: str, vertices: ArrayLike, triangles: ArrayLike) -> Surface:
     return surface
 
 
-def _merge(surface: Surface) -> tuple[Int, Int, int]:
-    """Return (for each vertex its merged index, for each merged vertex one original index, how many cracked).
+def _merge(surface: Surface) -> tuple[Int, Int, Int]:
+    """Return (numbers of vertices, equal ones alike; those with cracks closed; where these appear first).
 
-    Vertices are numbered by their first appearance: file order survives the merge.
+    The numbers, (n,) each, go by first appearance, and so do the places (k,): file order survives the merge.
     """
     if triples.are_unique(surface.vertices):
         same = first = np.arange(len(surface.vertices), dtype=np.int32)
     else:
         same, first = _by_appearance(triples.unique_rows(surface.vertices)[1])
-    if len(first) < len(surface.vertices):
         surface = Surface(surface.vertices[first], same[surface.faces])
     pairs = _cracks(surface)
     if not len(pairs):
-        return same, first, 0
-    joined, at = _by_appearance(connected(pairs, len(first))[same])
-    return joined, at, len(first) - len(at)
+        return same, same, first
+    return same, *_by_appearance(connected(pairs, len(first))[same])
 
 
 def _by_appearance(label: Int) -> tuple[Int, Int]:
@@ -153,15 +152,27 @@ def _by_appearance(label: Int) -> tuple[Int, Int]:
 
 
 def _cracks(surface: Surface) -> Int:
-    """Return the pairs (k, 2) of vertices on open borders that are nearer than `CRACK`, and share no edge."""
+    """Return the pairs (k, 2) of vertices on open borders that belong together, of a surface without twins.
+
+    How near they must be follows from the edges at both: a fine border, or a sliver where a mesh was cut, has
+    short ones. Where the two ends of an edge would come together by others between them, none of these do.
+    """
     border = np.flatnonzero(surface.border)
     if not len(border):
         return np.empty((0, 2), np.int32)
-    tree = cKDTree(surface.vertices[border])
-    pairs = np.sort(border[tree.query_pairs(CRACK * surface.mean_edge, output_type="ndarray")], axis=1)
-    count = len(surface.vertices)
-    keys, sides = (ends.astype(np.int64) @ [count, 1] for ends in (pairs, surface.edges))
-    return np.asarray(pairs[~np.isin(keys, sides)], np.int32)
+    a, b = surface.edges[surface.edges[:, 0] != surface.edges[:, 1]].T
+    length = triples.length(surface.vertices[a] - surface.vertices[b])
+    reach = np.full(len(surface.vertices), np.inf)
+    for end in (a, b):
+        np.minimum.at(reach, end, CRACK * length)
+    places, reach = surface.vertices[border], reach[border]
+    near = cKDTree(places).query_ball_point(places, np.where(np.isfinite(reach), reach, 0.0))
+    one = np.repeat(np.arange(len(border)), [len(found) for found in near])
+    two = np.fromiter(chain.from_iterable(near), np.int64, len(one))
+    mutual = (one < two) & (triples.length(places[one] - places[two]) <= reach[two])
+    pairs = np.column_stack((border[one[mutual]], border[two[mutual]])).astype(np.int32)
+    label = connected(pairs, len(surface.vertices))
+    return pairs[~np.isin(label[pairs[:, 0]], label[a[label[a] == label[b]]])]
 
 
 def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, Int]:
