@@ -7,7 +7,8 @@ import base64
 from collections.abc import Sequence
 from html import escape
 
-SIZE, LETTER = 11, 6.2  # pixels: height of the letters, and width of one, about
+SIZE, LETTER = 11, 8.5  # pixels: height of the letters, and room for one
+LONGEST = 30  # letters: what is longer is cut
 LINE = 13.0  # from one name to the next
 APART = 6.0  # of a name from the picture
 
@@ -24,6 +25,7 @@ def named(png: bytes, names: Sequence[tuple[float, float, str]], words: str) -> 
         What the whole shows, for those who cannot see it.
     """
     wide, tall = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
+    names = [(x, y, name if len(name) <= LONGEST else name[: LONGEST - 1] + "…") for x, y, name in names]
     left = [one for one in names if one[0] < wide / 2]
     right = [one for one in names if one[0] >= wide / 2]
     before, after = (

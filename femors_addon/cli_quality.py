@@ -85,14 +85,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
 def _in_place(source: Deck | MeshFile, name: str | None, option: str, alone: bool = False) -> Surface:
     """Return the surface that an option names where an assembly has it.
 
-    A part that stands in several places may be measured `alone`, without another mesh: in its own
-    coordinates, for the figures are the same at each place.
+    What stands in several places may be measured `alone`, without another mesh: in the parts' own
+    coordinates, for figures of shape are the same at each place.
     """
-    surface, part = cli_convert.surface_of(source, name, option), cli_convert.part_of(source, name, option)
+    surface = cli_convert.surface_of(source, name, option)
     try:
         return cli_convert.placed(cli_convert.placement_of(source, name, option), surface)
     except FemorsError:
-        if not alone or not isinstance(source, Deck) or part is None or len(source.holders(part)) > 1:
+        if not alone:
             raise
     return surface
 

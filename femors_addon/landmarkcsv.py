@@ -117,14 +117,20 @@ def _rows(data: bytes) -> tuple[list[str | None], list[Row], str]:
                 cells = next(
                     csv.reader(_noted(line, rest, whole), delimiter=delimiter, skipinitialspace=True)
                 )
-                if len(whole) > 1:  # a quote that is never closed would take all that follows into its cell
-                    next(csv.reader(whole, delimiter=delimiter, skipinitialspace=True, strict=True))
             except (csv.Error, ValueError):
+                raise FemorsError(f"line {number}: is not a row of a CSV file") from None
+            # a quote that is never closed, or by another row's, would take that row into its cell
+            if "".join(whole).count('"') % 2 or any(_swallowed(line, delimiter) for line in whole[1:]):
                 hint = "; close the quote that begins there" if len(whole) > 1 else ""
-                raise FemorsError(f"line {number}: is not a row of a CSV file{hint}") from None
+                raise FemorsError(f"line {number}: is not a row of a CSV file{hint}")
             rows.append((number, [cell.strip() for cell in cells]))
         lines += ["".join(whole).rstrip("\r\n"), *[None] * (len(whole) - 1)]
     return lines, rows, delimiter
+
+
+def _swallowed(line: str, delimiter: str) -> bool:
+    """Whether a line within a quoted cell has a row's three numbers before the quote ends."""
+    return sum(_is_number(cell.strip()) for cell in line.partition('"')[0].split(delimiter)) >= 3
 
 
 def _says(line: str) -> bool:

@@ -52,10 +52,14 @@ def lines_of(text: str) -> list[str]:
 
 
 def joined(cells: Sequence[str], delimiter: str = ",") -> str:
-    """Return a row of a CSV file, without the end of its line; what has a line break in it is quoted."""
+    """Return a row of a CSV file, without the end of its line; what has a line break in it is quoted.
+
+    So is a first cell that would make a comment of the row.
+    """
     out = io.StringIO()
     csv.writer(out, delimiter=delimiter, lineterminator="\r\n").writerow(cells)
-    return out.getvalue().removesuffix("\r\n")
+    row = out.getvalue().removesuffix("\r\n")
+    return f'"{cells[0]}"{row[len(cells[0]) :]}' if row.lstrip().startswith("#") else row
 
 
 # --- fcsv -----------------------------------------------------------------------------------------

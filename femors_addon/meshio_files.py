@@ -118,7 +118,7 @@ def _module(suffix: str) -> ModuleType:
     try:
         module = importlib.import_module(f"meshio.{FORMATS[suffix]}")
         dimensions = importlib.import_module("meshio._mesh").topological_dimension
-    except ImportError as error:
+    except (ImportError, AttributeError) as error:
         raise FemorsError(
             f"{suffix} files need the Python package meshio, which is not installed here "
             f"({error}); pip install {PACKAGE}"

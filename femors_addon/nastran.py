@@ -201,7 +201,7 @@ def _elements(
 def _kind(source: Source, card: Card) -> Kind:
     """Return the kind of an element: linear without mid-side nodes, quadratic with all of them."""
     linear, quadratic = (KINDS[name] for name in CARDS[card.name])
-    given = sum(bool(card.field(2 + index)) for index in range(linear.size, quadratic.size))
+    given = sum(card.field(2 + index) not in ("", "0") for index in range(linear.size, quadratic.size))
     if given in (0, quadratic.size - linear.size):
         return quadratic if given else linear
     # as the linear kind, those that are given would belong to no element, and stay where they are

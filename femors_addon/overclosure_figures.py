@@ -18,7 +18,6 @@ from .distances import Target
 from .findings import Finding
 from .intersect import crossings
 from .mesh import Float, Surface
-from .progress import listed
 from .quality import Stat, aspect_ratio, dihedral_angles
 from .rays import first_hits
 from .separation import thickness
@@ -204,25 +203,22 @@ def losses_of(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str
 
 
 def mid_sides_of(solids: Sequence[Solid], findings: Sequence[Finding]) -> list[str]:
-    """Tell how near the mid-side nodes of quadratic elements are, of the pairs that are clear.
+    """Tell where mid-side nodes of quadratic elements are nearer than the gap, of the pairs that are clear.
 
     Gaps are asked for, and certified, at the corner nodes alone.
     """
     of = {solid.name: solid for solid in solids}
-    near: dict[str, float] = {}
+    told = []
     for finding in findings:
         for name, other in (finding.names, finding.names[::-1]) if finding.clear else ():
             least = _nearest_mid_side(of[name], of[other], finding.least)
-            if least is not None:
-                near[name] = min(near.get(name, np.inf), least)
-    if not near:
-        return []
-    least = min(near.values())
-    place = f"{least:.4g} away from" if least > 0 else f"{-least:.4g} deep in"
-    return [
-        "gaps are those of corner nodes; of the mid-side nodes of quadratic elements "
-        f"({listed(sorted(near))}) the nearest is {place} the other body"
-    ]
+            if least is not None and least < finding.gap:
+                place = f"{least:.4g} away from" if least > 0 else f"{-least:.4g} deep in"
+                told.append(
+                    f"gaps are those of corner nodes: a mid-side node of '{name}' is {place} '{other}', "
+                    f"where {finding.gap:g} is asked for"
+                )
+    return told
 
 
 def _nearest_mid_side(solid: Solid, other: Solid, least: float) -> float | None:

@@ -26,7 +26,7 @@ from .transfer import Transfer, Transferred, distinct
 
 DOT, DOT_SIZE = (0.80, 0.18, 0.12), 0.012  # a landmark in pictures: colour, and radius of the size
 NUDGE = 1e-3  # of the size: so much nearer to the eye is drawn what was carried
-NAMED = 40  # landmarks in a picture: the names of more would be a thicket
+NAMED = 36  # landmarks in a picture: the names of more would be a thicket, and so many fit beside it
 CARRIED = (0.45, 0.66, 0.38)
 ROUNDING = 1e-7  # of the size
 FEW = 30  # points: fewer make no histogram

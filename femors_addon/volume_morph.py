@@ -108,7 +108,8 @@ class VolumeMorphResult:
             f"{'inverted elements':28}{len(self.inverted_input):<36}{self.inverted}",
         ]
         if len(self.inverted_input):
-            lines.append(f"inverted before, and not in these scaled Jacobians: {len(self.inverted_input)}")
+            left_out = counted(len(self.inverted_input), "element that was", "elements that were")
+            lines.append(f"these scaled Jacobians leave out the {left_out} inverted before")
         if len(self.held):
             lines.append(
                 f"{counted(len(self.held), 'node')} held back by up to {self.held_by:.3g} to keep "

@@ -6,10 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from aligncases import off, placed, pose, subjects, twice
+from anatomy import DATA
 from surfaces import cut
 
-from femors_addon import shapes
+from femors_addon import deckfiles, shapes
 from femors_addon.align import DOUBT, align
+from femors_addon.cleaning import clean
 from femors_addon.mesh import Surface
 from femors_addon.triples import renumbered
 
@@ -87,3 +89,16 @@ def test_parts_of_another_subject(pair, part):
     result = align(placed(pose(1), pair.source), piece, "affine", partial="target")
     assert off(result.matrix @ pose(1), pair.source.vertices[there], pair.truth[there], size) < 0.015
     assert 0.6 < np.linalg.det(result.matrix[:3, :3]) < 1.6
+
+
+@pytest.mark.skipif(not (DATA / "knee").exists(), reason=f"no knee at {DATA}")
+def test_the_hand_of_a_part_is_told_though_its_mirror_image_starts_little_better():
+    """Of a left proximal tibia on a right one with its fibula."""
+    paths = DATA / "tibia_small" / "tibia_mesh.vtk", DATA / "knee" / "bone_tibia_fibula.inp"
+    left, right = (deckfiles.read_deck(path).mesh.surface()[0] for path in paths)
+    left, right = (clean(one.vertices, one.faces).surface for one in (left, right))
+    mirrored = left.moved(left.vertices * [-1, 1, 1])
+    (told,) = [text for text in align(left, right, partial="source").warnings if "mirror" in text]
+    assert told.startswith("the source's mirror image fits the target better by")
+    turned = clean(mirrored.vertices, mirrored.faces).surface
+    assert not any("mirror" in text for text in align(turned, right, partial="source").warnings)

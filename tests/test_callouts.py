@@ -13,7 +13,7 @@ from pngs import pixels
 from solids import sphere
 
 from femors_addon import callouts, report_html, report_transfer
-from femors_addon.picture import png
+from femors_addon.picture import HEIGHT, png
 from femors_addon.report_transfer import Carried, dots, transfer_figures
 from femors_addon.shapes import pair
 from femors_addon.transfer import Transferred
@@ -102,6 +102,19 @@ def test_names_stand_a_line_apart_on_the_side_that_is_nearer(count):
         if len(side) * callouts.LINE < 200:
             assert all(0 < level < 200 for level in levels)
         assert all((lines[name][0] < lines[name][2]) == left for *_, name in side)
+
+
+def test_names_are_cut_where_they_are_longer_than_there_is_room_for():
+    data = png(np.full((60, 80, 3), 255, np.uint8))
+    drawn = callouts.named(data, [(10.0, 30.0, "w" * 600)], "words")
+    (name,) = ends(drawn)
+    assert name == "w" * (callouts.LONGEST - 1) + "…"
+    width = float(re.search(r'viewBox="0 0 (\d+)', drawn)[1])
+    assert 80 + 30 * 8 < width < 500
+
+
+def test_as_many_names_as_are_drawn_fit_on_one_side():
+    assert report_transfer.NAMED * callouts.LINE < HEIGHT
 
 
 def test_balls_of_landmarks():

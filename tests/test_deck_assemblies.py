@@ -218,4 +218,4 @@ def test_quality_of_a_part_alone_needs_no_place(two, tmp_path, capsys):
     assert "'EP' stands in 2 places" in refused(capsys, "quality", path, other, "--part", "EP")
     err = refused(capsys, "quality", other, two, "--other-part", "all")
     assert "name one of these parts with --other-part\n" in err
-    assert "in different places" in refused(capsys, "quality", two, "--part", "all")
+    assert figures(capsys, tmp_path, two, "--part", "all")["elements"]

@@ -230,6 +230,14 @@ def test_line_breaks_in_names_of_a_csv_file(tmp_path, text, names, after):
         assert read(path).points.tolist() == [[2, 3, 4], [5, 6, 7]]
 
 
+def test_names_that_look_like_comments_and_spaces_after_quotes(tmp_path):
+    path = tmp_path / "odd.csv"
+    path.write_bytes(encoded(path, Landmarks(np.arange(6.0).reshape(2, 3), ("#1", "b"))))
+    assert read(path).names == ("#1", "b")
+    path.write_text('"a\nb" ,1,2,3\nc,4,5,6\n')
+    assert read(path).names == ("a\nb", "c")
+
+
 def test_line_breaks_in_names_elsewhere(tmp_path):
     """U+2028 does not end a line of an fcsv file; what does is a space there. Messages stay one line."""
     names = ("a\u2028b", "c\nd", "e")
@@ -248,6 +256,7 @@ def test_line_breaks_in_names_elsewhere(tmp_path):
     ("text", "words"),
     [
         ('x,y,z,note\n1,2,3,"5 mm\n4,5,6,b\n', "line 2: is not a row of a CSV file; close the quote"),
+        ('a,1,2,3,"5 mm\nb,4,5,6,7"\nc,7,8,9,x\n', "line 1: is not a row of a CSV file; close the quote"),
         ('a,1,2,3\n"b\nc",4,5,6\nd,7,8\n', "line 4: 4 values are needed, not 3"),
         ("1,5;2,5;3,5\n4,5;5,5;6,5\n", "decimal commas"),
         ("name;x;y;z\na;1,5;2,5;3,5\n", "decimal commas"),
