@@ -6,14 +6,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from clicases import SOURCE, TARGET, ball
 from commands import Terminal, refused, run
 
 from femors_addon import cli, cli_morph, commandline, limits, meshfiles
@@ -24,28 +23,6 @@ from femors_addon.morph_settings import PRESETS
 from femors_addon.progress import FemorsError
 
 ROOT = Path(__file__).resolve().parent.parent
-
-
-def ball(rings: int, segments: int, radii: tuple[float, float, float]) -> MeshFile:
-    """Return an ellipsoid of quads, with triangles at its poles."""
-    theta, phi = np.linspace(0, np.pi, rings + 1)[1:-1, None], np.arange(segments) * 2 * np.pi / segments
-    grid = np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi], axis=-1
-    )
-    vertices = np.concatenate((grid.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]])) * radii
-    first = np.arange(segments)
-    second, north, last = np.roll(first, -1), np.full(segments, len(vertices) - 2), (rings - 2) * segments
-    quads = [
-        np.column_stack((first, first + segments, second + segments, second)) + i * segments
-        for i in range(rings - 2)
-    ]
-    tops = np.column_stack((north, first, second))
-    bottoms = np.column_stack((north + 1, last + second, last + first))
-    sizes = [4] * sum(map(len, quads)) + [3] * 2 * segments
-    return MeshFile(vertices, np.array(sizes), np.concatenate([a.ravel() for a in (*quads, tops, bottoms)]))
-
-
-SOURCE, TARGET = ball(10, 12, (30, 24, 60)), ball(12, 14, (35, 26, 64))
 
 
 @pytest.fixture()
@@ -146,50 +123,6 @@ def test_stl_in_and_out_keeps_every_triangle(tmp_path, capsys):
     assert (
         len(np.unique(np.column_stack((one.ravel(), two.ravel())), axis=0)) == one.max() + 1 == two.max() + 1
     )
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals are sent otherwise on Windows")
-def test_interrupted_program_leaves_nothing(tmp_path):
-    meshfiles.write(tmp_path / "a.stl", ball(150, 150, (30, 24, 60)))
-    meshfiles.write(tmp_path / "b.stl", ball(160, 160, (35, 26, 64)))
-    command = [sys.executable, "-m", "femors_addon", "morph", "a.stl", "b.stl", "-o", "out.stl"]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-    process = subprocess.Popen(
-        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    first = process.stderr.readline()
-    time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
-    assert "%" in first
-    assert process.returncode == 130, err
-    assert out == ""
-    assert err.splitlines()[-1] == "femors: interrupted; nothing is written"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.stl", "b.stl"]
-
-
-INTERRUPTED_EARLY = """
-import builtins, runpy
-
-usual = builtins.__import__
-
-def interrupted(name, *rest, **named):
-    if name == "cli":
-        raise KeyboardInterrupt
-    return usual(name, *rest, **named)
-
-builtins.__import__ = interrupted
-runpy.run_module("femors_addon", run_name="__main__")
-"""
-
-
-def test_a_program_interrupted_while_it_reads_its_modules_says_so_in_one_line():
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-    command = [sys.executable, "-c", INTERRUPTED_EARLY]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (130, "")
-    assert done.stderr == "femors: interrupted; nothing is written\n"
 
 
 # --- exit code 1 ----------------------------------------------------------------------------------

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import math
-import tracemalloc
 
 import numpy as np
 import pytest
+from grnncases import around, smooth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,20 +17,6 @@ from femors_addon.progress import Cancelled, FemorsError, silent
 
 SPREADS = (0.3, 0.5, 0.8, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)  # mean edges
 AWAY = {"on": 0.0, "near": 0.5, "middle": 2.0, "reach": 4.5, "far": 10.0, "very far": 1e4}  # spreads
-
-
-def smooth(points: np.ndarray) -> np.ndarray:
-    """A displacement that varies over tens of units."""
-    x, y, z = points.T
-    return np.column_stack((50 * np.sin(x / 40), 30 * np.cos(y / 23 + z / 60), 0.2 * z - 20))
-
-
-def around(points: np.ndarray, radius: float, count: int, seed: int = 0) -> np.ndarray:
-    """Points at a distance, in random directions, from randomly chosen ones."""
-    rng = np.random.default_rng(seed)
-    way = rng.normal(size=(count, 3))
-    way *= radius / np.linalg.norm(way, axis=1, keepdims=True)
-    return points[rng.integers(0, len(points), count)] + way
 
 
 def ways_taken(monkeypatch) -> set[str]:
@@ -335,32 +321,7 @@ def test_a_field_needs_finite_pairs(centres, values, words):
     assert "\n" not in str(error.value)
 
 
-# --- resources ----------------------------------------------------------------------------------
-def peak(work) -> float:
-    """Peak of memory that a call allocates, in MB."""
-    tracemalloc.start()
-    try:
-        work()
-        return tracemalloc.get_traced_memory()[1] / 1e6
-    finally:
-        tracemalloc.stop()
-
-
-def test_memory_is_bounded_by_blocks():
-    """Never N x M: whole matrices would be 288 MB for the definition and 3.2 GB for the fast ways."""
-    small = shapes.sphere(4, radius=100.0).vertices
-    centres = np.concatenate([small * (1 + 0.01 * k) for k in range(3)])[:6000]
-    field = DisplacementField(centres, smooth(centres), 5.0)
-    at = around(centres, 1.0, 6000)
-    assert peak(lambda: field.exact(at)) < 90.0
-    for layers in (8, 32):  # four times as many centres ask for hardly more
-        many = np.concatenate([small * (1 + 0.005 * k) for k in range(layers)])
-        at = around(many, 1.0, 20_000)
-        for spread in (1.0, 60.0):
-            field = DisplacementField(many, smooth(many), spread)
-            assert peak(lambda field=field, at=at: field(at)) < 140.0, spread
-
-
+# --- bits, progress ----------------------------------------------------------------------------------
 def test_the_same_bits_every_time(surfaces):
     bone = surfaces["bone"]
     for spread in SPREADS:
