@@ -155,15 +155,19 @@ def _choose_hand(
     `meshes` are the two that `work` has samples of: where the samples tell too little, these do.
     """
     progress(0.05, "alignment: starting pose")
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
     plain, other = at_once(
         lambda _: best_start(work, own, kind, np.eye(4)),
-        lambda _: best_start(work, own, kind, np.diag([-1.0, 1.0, 1.0, 1.0])),
+        lambda _: best_start(work, own, kind, mirror),
     )
     words = DOUBT if work.partial != "none" else DOUBT_WHOLE
     if plain.misfit <= work.tolerance or other.misfit > plain.misfit:
-        plain = decided(work, plain, kind)
+        plain = decided(work, plain, own, kind)
         return plain.matrix, (words,) if plain.doubtful else ()
-    plain, other = at_once(lambda _: decided(work, plain, kind), lambda _: decided(work, other, kind))
+    plain, other = at_once(
+        lambda _: decided(work, plain, own, kind),
+        lambda _: decided(work, other, own @ mirror, kind),
+    )
     doubt = (words,) if plain.doubtful else ()
     # the search ends with few samples, and one of the two may have stopped short
     one, two = icp(work, np.array([plain.matrix, other.matrix]), kind, CHECK_STEPS)

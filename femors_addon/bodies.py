@@ -201,12 +201,11 @@ class Solid:
             return np.zeros(0, np.int32)
         return np.flatnonzero(self._begun <= 0).astype(np.int32)
 
-    def inverted_new(self) -> Int:
-        """Return (k,) the elements that are inverted now and were not at the start."""
+    def inverted(self) -> Int:
+        """Return (k,) the elements that are inverted now."""
         if self.mesh is None or self._begun is None:
             return np.zeros(0, np.int32)
-        now = scaled_jacobians(self.mesh.moved(self.nodes))
-        return np.flatnonzero((now <= 0) & (self._begun > 0)).astype(np.int32)
+        return np.flatnonzero(scaled_jacobians(self.mesh.moved(self.nodes)) <= 0).astype(np.int32)
 
     def put(self, points: Float) -> None:
         """Go to positions (p, 3) that were the body's before."""

@@ -64,6 +64,8 @@ class BodyResult:
         Of the solid elements that were valid on input, before and after.
     inverted_input, inverted_new : (k,) int64
         Ids of elements inverted from the start, and by the removal.
+    inverted : int
+        How many elements are inverted in the result; one that was on input may have become valid.
     held : int
         Nodes that were held back on their way, so that no element is inverted.
     folded : int
@@ -87,6 +89,7 @@ class BodyResult:
     elements: tuple[VolumeQuality, VolumeQuality] | None
     inverted_input: Ids
     inverted_new: Ids
+    inverted: int
     held: int
     folded: int
 
@@ -102,9 +105,9 @@ class BodyResult:
             )
         }
         elements = pairs["scaled_jacobian"]
-        if elements is not None:  # these figures leave out what was inverted on input, which still is
+        if elements is not None:  # these figures leave out what was inverted on input
             elements["before"]["inverted"] = len(self.inverted_input)
-            elements["after"]["inverted"] = len(self.inverted_input) + len(self.inverted_new)
+            elements["after"]["inverted"] = self.inverted
         return {
             "name": self.name,
             "share": self.share,
@@ -165,6 +168,7 @@ def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
     (aspect, dihedral, volume), (aspect_now, dihedral_now, volume_now) = shape, shape_now or shape
     thickness, thinned, settled = contact
     ids = np.zeros(0, np.int64) if solid.mesh is None else solid.mesh.element_ids
+    inverted = solid.inverted()
     return BodyResult(
         name=solid.name,
         share=solid.share,
@@ -182,7 +186,8 @@ def figures_of(solid: Solid, efforts: Sequence[Effort]) -> BodyResult:
         settled=settled,
         elements=_elements(solid, nodes),
         inverted_input=np.asarray(ids[solid.inverted_input]),
-        inverted_new=np.asarray(ids[solid.inverted_new()]),
+        inverted_new=np.asarray(ids[np.setdiff1d(inverted, solid.inverted_input)]),
+        inverted=len(inverted),
         held=len(solid.held),
         folded=folded,
     )

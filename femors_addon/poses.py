@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -107,31 +108,41 @@ def _contenders(scouts: Registration, found: list[Fit], kind: str) -> Start:
     best = min(range(len(tried)), key=lambda i: tried[i].misfit)
     starts = [found[best]]
     for fit in found:
-        if fit.misfit < CLOSE * found[0].misfit and all(_turn(fit, one) > TURNED for one in starts):
+        if fit.misfit <= CLOSE * found[0].misfit + scouts.tolerance and all(
+            _turn(fit, one) > TURNED for one in starts
+        ):
             starts.append(fit)
     if len(starts) == 1:
         return Start(*tried[best], False)
     ends = [tried[best], *icp(scouts, _transforms(starts[1:]), kind, FINAL_STEPS)]
     least = min(ends, key=lambda fit: fit.misfit)
-    close = [fit for fit, end in zip(starts, ends, strict=True) if end.misfit <= RIVAL * least.misfit]
+    close = [
+        fit
+        for fit, end in zip(starts, ends, strict=True)
+        if end.misfit <= RIVAL * least.misfit + scouts.tolerance
+    ]
     return Start(*least, False, tuple(close))
 
 
-def decided(work: Registration, start: Start, kind: str) -> Start:
+def decided(work: Registration, start: Start, given: Float, kind: str) -> Start:
     """Decide between the poses of whole meshes that fit about equally well, where there are several.
 
     All samples do it, by position and normal together: of bones that differ much, a wrong pose may be as
-    near. Each is followed to the end, for what a shear takes up does not tell poses apart.
+    near. Each is followed to the end, for what a shear takes up does not tell poses apart. Where that near
+    the `given` one (4, 4) is among the best, it is meant: a shape that lies on itself fits in several.
     """
     if len(start.close) < 2:
         return start
     rough = dataclasses.replace(work, tolerance=SLACK * work.tolerance)
     plainer = "rigid" if kind == "rigid" else "similarity"
-    plain = icp(rough, _transforms(list(start.close)), plainer, FINAL_STEPS)
+    plain = icp(rough, np.array([*_transforms(start.close), given]), plainer, FINAL_STEPS)
     ends = plain if plainer == kind else icp(rough, _transforms(plain), kind, FINAL_STEPS)
     fits = [Fit(fit.matrix, unlike(work, end.matrix, NORMAL)) for fit, end in zip(plain, ends, strict=True)]
-    best = min(fits, key=lambda fit: fit.misfit)
-    rivals = [fit for fit in fits if fit.misfit < RIVAL * best.misfit and _turn(fit, best) > TURNED]
+    best, own = min(fits, key=lambda fit: fit.misfit), fits[-1]
+    bound = RIVAL * best.misfit + work.tolerance
+    if own.misfit <= bound and _turn(own, Fit(given, math.inf)) < TURNED:
+        best = own
+    rivals = [fit for fit in fits if fit.misfit <= bound and _turn(fit, best) > TURNED]
     doubtful = any(not _same_shape(work, best.matrix, rival.matrix) for rival in rivals)
     return Start(best.matrix, start.misfit, doubtful)
 
@@ -173,7 +184,7 @@ def _rivalled(work: Registration, fits: list[Fit]) -> bool:
     )
 
 
-def _transforms(fits: list[Fit]) -> Float:
+def _transforms(fits: Sequence[Fit]) -> Float:
     return np.array([fit.matrix for fit in fits])
 
 

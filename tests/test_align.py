@@ -12,8 +12,9 @@ from femors_addon import shapes
 from femors_addon.align import DOUBT, DOUBT_WHOLE, align
 from femors_addon.commandline import for_command
 from femors_addon.icp import Cloud, Registration, icp, matched
-from femors_addon.mesh import Surface
+from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.poses import best_start, decided
 from femors_addon.progress import Cancelled
 from femors_addon.transforms import homogeneous, inverse, transformed
 
@@ -231,6 +232,45 @@ def test_no_pose_is_doubted_where_it_does_not_matter(source, target):
     """A shape that lies on itself when turned has no pose of its own; two bones of a kind have one."""
     for start in (pose(0), pose(1, 10.0)):
         assert align(placed(start, source), target).warnings == ()
+
+
+def turn_between(one: Float, two: Float) -> float:
+    """Angle in degrees between the rotations next to two matrices (4, 4)."""
+    u, _, v = np.linalg.svd(one[:3, :3] @ np.linalg.inv(two[:3, :3]))
+    return float(np.degrees(np.arccos(np.clip((np.trace(u @ v) - 1) / 2, -1, 1))))
+
+
+@pytest.mark.parametrize("change", [(1.0, 1.0, 1.0), (1.1, 0.95, 1.05)], ids=["shifted", "scaled"])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        placed(np.diag([1.0, 1.3, 1.7, 1.0]), BALL),
+        placed(np.diag([1.0, 1.0, 3.0, 1.0]), BALL),
+        shapes.box((4, 4, 1), 8),
+    ],
+    ids=["ellipsoid", "spindle", "plate"],
+)
+def test_a_shape_that_lies_on_itself_is_not_turned(shape, change):
+    """It fits as well in other poses, and was turned by half a turn: landmarks would end elsewhere."""
+    found = align(shape, placed(homogeneous(np.diag(change), (0.3, 0.2, 0.1)), shape))
+    assert turn_between(found.matrix, np.eye(4)) < 5
+    assert not found.warnings
+
+
+def test_of_poses_that_fit_about_equally_well_that_near_the_given_one_is_taken(unlike):
+    source, target = unlike
+    work = Registration(Cloud.of(source), Cloud.of(target), "none", 1e-5 * target.diagonal)
+    start = best_start(work, np.eye(4), "similarity", np.eye(4))
+    assert len(start.close) > 2
+    far = homogeneous(Rotation.from_rotvec((0.0, 2.0, 0.0)).as_matrix(), (0.0, 0.0, 0.0))
+    best = decided(work, start, far, "similarity")
+    kept = [decided(work, start, fit.matrix, "similarity") for fit in start.close]
+    for fit, end in zip(start.close, kept, strict=True):
+        stays = turn_between(end.matrix, fit.matrix) < 30
+        assert stays or np.array_equal(end.matrix, best.matrix)
+        assert end.doubtful
+    turned = [turn_between(end.matrix, best.matrix) > 30 for end in kept]
+    assert any(turned) and not all(turned)
 
 
 # --- small parts ----------------------------------------------------------------------------------

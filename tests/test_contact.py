@@ -15,6 +15,7 @@ from femors_addon.cutouts import Region
 from femors_addon.intersect import piercings
 from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.overclosure_figures import figures_of
 from femors_addon.separation import thickness, way_apart
 from femors_addon.sides import Contacts
 
@@ -272,7 +273,7 @@ def test_no_step_inverts_an_element_and_those_that_can_go_all_the_way():
     middle = top[np.linalg.norm(mesh.nodes[top, :2], axis=1) < 2.5]
     step = np.tile([0.0, 0.0, -4.0], (len(middle), 1))  # right through the plate
     solid.move(middle, step)
-    assert not len(solid.inverted_new())
+    assert not len(solid.inverted())
     assert solid.held
     went = mesh.nodes[middle, 2] - solid.points[middle, 2]
     assert (went > 0.3).all()
@@ -280,6 +281,18 @@ def test_no_step_inverts_an_element_and_those_that_can_go_all_the_way():
     other.move(middle, 0.1 * step)
     assert np.array_equal(other.points[middle], mesh.nodes[middle] + 0.1 * step)
     assert not other.held
+
+
+def test_an_element_that_was_inverted_and_is_repaired_counts_as_valid_afterwards():
+    mesh = hexes((3, 3, 1), (9, 9, 3))
+    nodes = np.array(mesh.nodes)
+    nodes[0, 2] += 7.0  # a lower corner, out at the top
+    solid = Solid(Body("plate", mesh.moved(nodes)), 1.0)
+    assert len(solid.inverted()) == len(solid.inverted_input) > 0
+    solid.move(np.array([0]), np.array([[0.0, 0.0, -7.0]]))
+    report = figures_of(solid, []).report()
+    told = [report["scaled_jacobian"][state]["inverted"] for state in ("before", "after")]
+    assert told == [len(report["inverted_on_input"]), 0] and not report["newly_inverted"]
 
 
 def test_vertices_at_one_place_move_as_one():
