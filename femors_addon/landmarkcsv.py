@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from .csvtext import Manner, joined, lines_of
 from .files import shown
-from .markups import joined, lines_of
 from .mesh import Float
 from .progress import FemorsError, counted
 
@@ -32,6 +32,7 @@ class Template:
     columns: tuple[int, ...]  # of x, y and z
     name: int | None
     delimiter: str
+    manner: Manner
 
 
 def parse(data: bytes, space: str = "") -> tuple[Float, tuple[str, ...], Template]:
@@ -52,7 +53,8 @@ def parse(data: bytes, space: str = "") -> tuple[Float, tuple[str, ...], Templat
     columns, name = _columns(header, rows)
     points = np.array([_point(row, columns, name) for row in rows])
     names = tuple(cells[name] for _, cells in rows) if name is not None else ()
-    return points, names, Template(tuple(lines), tuple(rows), tuple(columns), name, delimiter)
+    kept = Template(tuple(lines), tuple(rows), tuple(columns), name, delimiter, Manner.of(data))
+    return points, names, kept
 
 
 def build(
@@ -77,7 +79,7 @@ def build(
         for column, value in zip(template.columns, point, strict=True):
             changed[column] = _text(value)
         lines[number - 1] = joined(changed, template.delimiter)
-    return ("\n".join(line for line in lines if line is not None) + "\n").encode()
+    return template.manner.encoded(line for line in lines if line is not None)
 
 
 def _fresh(points: Float, names: Sequence[str], beside: Mapping[str, Sequence[object]]) -> bytes:
@@ -89,7 +91,7 @@ def _fresh(points: Float, names: Sequence[str], beside: Mapping[str, Sequence[ob
         cells += [_text(value) for value in point]
         cells += [_text(v) if isinstance(v, float) else str(v) for v in (beside[key][row] for key in beside)]
         lines.append(joined(cells))
-    return ("\n".join(lines) + "\n").encode()
+    return Manner().encoded(lines)
 
 
 def _text(value: float) -> str:

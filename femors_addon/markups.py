@@ -11,7 +11,6 @@ from __future__ import annotations
 import copy
 import csv
 import dataclasses
-import io
 import json
 import re
 from collections.abc import Sequence
@@ -19,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from .csvtext import Manner, joined, lines_of
 from .files import shown
 from .mesh import Float
 from .progress import FemorsError
@@ -46,22 +46,6 @@ def _system(value: object) -> str:
     return known
 
 
-def lines_of(text: str) -> list[str]:
-    """Return the lines of a text, without their ends; unlike `str.splitlines`, none ends with U+2028."""
-    return [line.rstrip("\r\n") for line in io.StringIO(text, newline="")]
-
-
-def joined(cells: Sequence[str], delimiter: str = ",") -> str:
-    """Return a row of a CSV file, without the end of its line; what has a line break in it is quoted.
-
-    So is a first cell that would make a comment of the row.
-    """
-    out = io.StringIO()
-    csv.writer(out, delimiter=delimiter, lineterminator="\r\n").writerow(cells)
-    row = out.getvalue().removesuffix("\r\n")
-    return f'"{cells[0]}"{row[len(cells[0]) :]}' if row.lstrip().startswith("#") else row
-
-
 # --- fcsv -----------------------------------------------------------------------------------------
 @dataclasses.dataclass(frozen=True)
 class _Fcsv:
@@ -70,6 +54,7 @@ class _Fcsv:
     lines: tuple[str, ...]
     rows: tuple[tuple[int, tuple[str, ...]], ...]
     system: str
+    manner: Manner
 
 
 def parse_fcsv(data: bytes, space: str) -> tuple[Float, tuple[str, ...], _Fcsv]:
@@ -95,7 +80,11 @@ def parse_fcsv(data: bytes, space: str) -> tuple[Float, tuple[str, ...], _Fcsv]:
             names.append(cells[label].strip() if len(cells) > label else "")
     if not rows:
         raise FemorsError("has no landmarks")
-    return turned(np.array(points), system, space), tuple(names), _Fcsv(tuple(lines), tuple(rows), system)
+    return (
+        turned(np.array(points), system, space),
+        tuple(names),
+        _Fcsv(tuple(lines), tuple(rows), system, Manner.of(data)),
+    )
 
 
 def build_fcsv(points: Float, names: Sequence[str], template: _Fcsv | None, space: str) -> bytes:
@@ -109,11 +98,11 @@ def build_fcsv(points: Float, names: Sequence[str], template: _Fcsv | None, spac
             made: tuple[str, ...] = (str(number), *[""] * 3, *"0001110", label, "", "")
             rows.append((len(lines), made))
             lines.append("")
-        template = _Fcsv(tuple(lines), tuple(rows), space)
+        template = _Fcsv(tuple(lines), tuple(rows), space, Manner())
     lines = list(template.lines)
     for (number, cells), point in zip(template.rows, turned(points, space, template.system), strict=True):
         lines[number] = joined([cells[0], *(f"{value + 0.0:.10g}" for value in point), *cells[4:]])
-    return ("\n".join(lines) + "\n").encode()
+    return template.manner.encoded(lines)
 
 
 # --- mrk.json -------------------------------------------------------------------------------------

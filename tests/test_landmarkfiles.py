@@ -121,6 +121,21 @@ def test_a_csv_file_keeps_its_columns_lines_and_marks(tmp_path, text, after):
     assert encoded(path, marks.with_points(marks.points + 1)).decode() == after
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["plain", "marked"])
+@pytest.mark.parametrize("ending", [".csv", ".fcsv"])
+def test_line_ends_and_the_mark_by_which_a_spreadsheet_knows_utf8_stay(tmp_path, ending, mark, end):
+    path = tmp_path / f"marks{ending}"
+    text = f"{mark}Köpfchen,1,2,3{end}{end}b,4,5,6{end}"
+    path.write_bytes(text.encode())
+    marks = read(path)
+    assert encoded(path, marks) == text.encode()
+    moved = encoded(path, marks.with_points(marks.points + 1))
+    assert moved.count(b"\r") == text.count("\r") and moved.startswith(f"{mark}Köpfchen,".encode())
+    fresh = encoded(tmp_path / f"other{ending}", Landmarks(marks.points, ("a", "b")))
+    assert b"\r" not in fresh and not fresh.startswith("\ufeff".encode())
+
+
 def test_another_kind_is_made_from_scratch(tmp_path):
     path = written(tmp_path, ".csv", "x,y,z\n1,2,3\n4,5,6\n")
     other = tmp_path / "out.fcsv"
@@ -207,13 +222,13 @@ def test_columns_and_names_are_found(tmp_path, text, names):
         (
             '"a\r\n\r\n#b",1,2,3\r\n# c "\r\n"d",4,5,6',
             ("a\r\n\r\n#b", "d"),
-            '"a\r\n\r\n#b",2,3,4\n# c "\nd,5,6,7\n',
+            '"a\r\n\r\n#b",2,3,4\r\n# c "\r\nd,5,6,7\r\n',
         ),
         ('"a\rb",1,2,3\nc,4,5,6\n', ("a\rb", "c"), '"a\rb",2,3,4\nc,5,6,7\n'),
         ('x;"y\n(mm)";z;name\n1;2;3;a\n4;5;6;b\n', ("a", "b"), 'x;"y\n(mm)";z;name\n2;3;4;a\n5;6;7;b\n'),
         ("a\u2028b,1,2,3\nc\x85d,4,5,6\n", ("a\u2028b", "c\x85d"), "a\u2028b,2,3,4\nc\x85d,5,6,7\n"),
         ("a\fb,1,2,3\n\nc\x1cd,4,5,6\n", ("a\fb", "c\x1cd"), "a\fb,2,3,4\n\nc\x1cd,5,6,7\n"),
-        ("a,1,2,3\rb,4,5,6\r", ("a", "b"), "a,2,3,4\nb,5,6,7\n"),
+        ("a,1,2,3\rb,4,5,6\r", ("a", "b"), "a,2,3,4\rb,5,6,7\r"),
     ],
 )
 def test_line_breaks_in_names_of_a_csv_file(tmp_path, text, names, after):
