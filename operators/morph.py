@@ -157,8 +157,9 @@ class FEMORS_OT_morph(JobOperator, bpy.types.Operator):
         steered = [morphed.steering.sentence()] if morphed.steering is not None else []
         line = "; ".join([f"'{item.name}': {distances}", *elements, *steered, f"{morphed.stop_reason}{note}"])
         faults += morphed.warnings
-        bad = ((after.flipped, "flipped face"), (after.self_intersecting, "self-intersecting face"))
-        faults += [counted(count, words) for count, words in bad if count]
+        if not morphed.faults:  # which count faces that fold over or cross together: not once more by kind
+            bad = ((after.flipped, "flipped face"), (after.self_intersecting, "self-intersecting face"))
+            faults += [counted(count, words) for count, words in bad if count]
         return ("WARNING" if faults or not morphed.converged else "INFO"), "; ".join([line, *faults])
 
 

@@ -265,3 +265,17 @@ def test_settings_reach_the_core(pair, part, monkeypatch):
         seen["settings"].dense_iterations
         == part("femors_addon.morph_settings").PRESETS["gross"].dense_iterations
     )
+
+
+def test_new_folds_are_told_once_not_once_more_by_kind(empty, tools, capfd):
+    """Two balls through each other, laid onto a plate."""
+    ball, faces = tools.sphere(14, 20, (10.0, 10.0, 10.0))
+    two = np.concatenate((ball, ball + (7.0, 0.0, 0.0)))
+    tools.add_object("Femur", two, [*faces, *([c + len(ball) for c in face] for face in faces)])
+    tools.add_object("Scan", *tools.sphere(20, 24, (12.0, 12.0, 0.6)))
+    bpy.context.view_layer.update()
+    item = morph(alignment="none")
+    after = json.loads(item.femors.report)["after"]
+    said = capfd.readouterr().out
+    assert after["self_intersecting"] and said.count("did not in the source") == 1
+    assert "self-intersecting face" not in said
