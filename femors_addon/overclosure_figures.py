@@ -141,7 +141,7 @@ class BodyResult:
             before, after = self.elements
             words.append(f"scaled Jacobian min {before.minimum:.3f} -> {after.minimum:.3f}")
         if len(self.inverted_input):
-            words.append(f"inverted before and left alone, not in these: {len(self.inverted_input)}")
+            words.append(f"inverted before, not in these: {len(self.inverted_input)}")
         return f"{self.name}: {', '.join(words)}"
 
 

@@ -108,19 +108,15 @@ def _contenders(scouts: Registration, found: list[Fit], kind: str) -> Start:
     best = min(range(len(tried)), key=lambda i: tried[i].misfit)
     starts = [found[best]]
     for fit in found:
-        if fit.misfit <= CLOSE * found[0].misfit + scouts.tolerance and all(
-            _turn(fit, one) > TURNED for one in starts
-        ):
+        near = fit.misfit <= max(CLOSE * found[0].misfit, scouts.tolerance)
+        if near and all(_turn(fit.matrix, one.matrix) > TURNED for one in starts):
             starts.append(fit)
     if len(starts) == 1:
         return Start(*tried[best], False)
     ends = [tried[best], *icp(scouts, _transforms(starts[1:]), kind, FINAL_STEPS)]
     least = min(ends, key=lambda fit: fit.misfit)
-    close = [
-        fit
-        for fit, end in zip(starts, ends, strict=True)
-        if end.misfit <= RIVAL * least.misfit + scouts.tolerance
-    ]
+    bound = max(RIVAL * least.misfit, scouts.tolerance)
+    close = [fit for fit, end in zip(starts, ends, strict=True) if end.misfit <= bound]
     return Start(*least, False, tuple(close))
 
 
@@ -128,28 +124,38 @@ def decided(work: Registration, start: Start, given: Float, kind: str) -> Start:
     """Decide between the poses of whole meshes that fit about equally well, where there are several.
 
     All samples do it, by position and normal together: of bones that differ much, a wrong pose may be as
-    near. Each is followed to the end, for what a shear takes up does not tell poses apart. Where that near
-    the `given` one (4, 4) is among the best, it is meant: a shape that lies on itself fits in several.
+    near. Each is followed to the end, for what a shear takes up does not tell poses apart. A shape that
+    lies on itself when it is turned fits in several: of these the one nearest the `given` (4, 4) is taken.
     """
     if len(start.close) < 2:
         return start
     rough = dataclasses.replace(work, tolerance=SLACK * work.tolerance)
     plainer = "rigid" if kind == "rigid" else "similarity"
-    plain = icp(rough, np.array([*_transforms(start.close), given]), plainer, FINAL_STEPS)
+    starts = np.array([*_transforms(start.close), _centred(work, given, plainer)])
+    plain = icp(rough, starts, plainer, FINAL_STEPS)
     ends = plain if plainer == kind else icp(rough, _transforms(plain), kind, FINAL_STEPS)
     fits = [Fit(fit.matrix, unlike(work, end.matrix, NORMAL)) for fit, end in zip(plain, ends, strict=True)]
-    best, own = min(fits, key=lambda fit: fit.misfit), fits[-1]
-    bound = RIVAL * best.misfit + work.tolerance
-    if own.misfit <= bound and _turn(own, Fit(given, math.inf)) < TURNED:
-        best = own
-    rivals = [fit for fit in fits if fit.misfit <= bound and _turn(fit, best) > TURNED]
-    doubtful = any(not _same_shape(work, best.matrix, rival.matrix) for rival in rivals)
-    return Start(best.matrix, start.misfit, doubtful)
+    *found, stayed = fits  # from the given pose nothing is found that fits better: it decides between equals
+    best = min(found, key=lambda fit: fit.misfit)
+    bound = max(RIVAL * best.misfit, work.tolerance)
+    good = [fit for fit in fits if fit.misfit <= bound and _turn(fit.matrix, best.matrix) > TURNED]
+    same = [_same_shape(work, best.matrix, fit.matrix) for fit in good]
+    doubtful = any(not alike and fit is not stayed for fit, alike in zip(good, same, strict=True))
+    equals = [best, *itertools.compress(good, same)]
+    nearest = min(equals, key=lambda fit: _turn(fit.matrix, given))
+    return Start(nearest.matrix, start.misfit, doubtful)
 
 
-def _turn(one: Fit, two: Fit) -> float:
-    """Angle in degrees between two poses, each a rotation and a scale."""
-    here, there = one.matrix[:3, :3], two.matrix[:3, :3]
+def _centred(work: Registration, given: Float, kind: str) -> Float:
+    """Shift a pose (4, 4), and scale it where the kind may, so that source and target lie in one place."""
+    ours, theirs = (principal_frame(cloud.sample) for cloud in (work.source, work.target))
+    turn = given[:3, :3] * (1.0 if kind == "rigid" else theirs.radius / ours.radius)
+    return homogeneous(turn, theirs.centre - turn @ ours.centre)
+
+
+def _turn(one: Float, two: Float) -> float:
+    """Angle in degrees between two poses (4, 4), each a rotation and a scale."""
+    here, there = one[:3, :3], two[:3, :3]
     trace = 3.0 * (here * there).sum() / (np.linalg.norm(here) * np.linalg.norm(there))
     return math.degrees(math.acos(min(max((trace - 1.0) / 2.0, -1.0), 1.0)))
 

@@ -13,6 +13,7 @@ from femors_addon.mesh import Float, Surface
 from femors_addon.transforms import homogeneous, transformed
 
 BALL = shapes.sphere(3)
+TURNED_BALL = BALL.moved(BALL.vertices @ Rotation.from_rotvec((0.3, 0.5, 0.7)).as_matrix().T)
 SHEAR = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.02, 0.0, 1.2]])
 
 

@@ -125,8 +125,8 @@ def _draw_elements(layout: bpy.types.UILayout, elements: dict[str, Any]) -> None
     """Draw the figures of a finite-element model's solid elements."""
     before, after = elements["before"], elements["after"]
     box = layout.box().column(align=True)
-    wrong, new = len(elements["inverted_on_input"]), len(elements["newly_inverted"])
-    draw_row(box, "Inverted elements", str(wrong), str(wrong + new), alert=new > 0)
+    row = (str(state["inverted"]) for state in (before, after))
+    draw_row(box, "Inverted elements", *row, alert=len(elements["newly_inverted"]) > 0)
     draw_row(
         box,
         f"Volume ({round(elements['volume_change'], 3) + 0.0:+.1%})",
