@@ -27,7 +27,6 @@ FINAL_STARTS, FINAL_STEPS = 3, 25  # how many are tried to the end, and the step
 DOUBTFUL_STARTS = 10  # the same, of a partial mesh that fits in several places about equally
 APART = 0.1  # of the smaller mesh's size: poses that differ by more are two
 RIVAL = 1.12  # times the best misfit: a pose as good as that may be the right one
-EQUAL = 1.05  # the same: poses that are as good for all that sampled nodes can tell
 CLOSE = 1.25  # the same after the last round, where whole poses are not yet followed to the end
 TURNED = 30.0  # degrees: poses of whole meshes that differ by more are two
 NORMAL = 0.12  # of the target's size: the length that a unit normal stands for, as in a morph's first search
@@ -142,8 +141,7 @@ def decided(work: Registration, start: Start, given: Float, kind: str) -> Start:
     good = [fit for fit in fits if fit.misfit <= bound and _turn(fit.matrix, best.matrix) > TURNED]
     same = [_same_shape(work, best.matrix, fit.matrix) for fit in good]
     doubtful = any(not alike and fit is not stayed for fit, alike in zip(good, same, strict=True))
-    least = max(EQUAL * best.misfit, work.tolerance)
-    equals = [best, *(fit for fit, alike in zip(good, same, strict=True) if alike and fit.misfit <= least)]
+    equals = [best, *itertools.compress(good, same)]
     nearest = min(equals, key=lambda fit: _turn(fit.matrix, given))
     return Start(nearest.matrix, start.misfit, doubtful)
 
