@@ -135,7 +135,7 @@ def decided(work: Registration, start: Start, given: Float, kind: str) -> Start:
     plain = icp(rough, starts, plainer, FINAL_STEPS)
     ends = plain if plainer == kind else icp(rough, _transforms(plain), kind, FINAL_STEPS)
     fits = [Fit(fit.matrix, unlike(work, end.matrix, NORMAL)) for fit, end in zip(plain, ends, strict=True)]
-    *found, stayed = fits  # from the given pose nothing is found that fits better: it decides between equals
+    *found, stayed = fits  # where the given pose leads to is not asked which is best: only which of equals
     best = min(found, key=lambda fit: fit.misfit)
     bound = max(RIVAL * best.misfit, work.tolerance)
     good = [fit for fit in fits if fit.misfit <= bound and _turn(fit.matrix, best.matrix) > TURNED]
@@ -149,8 +149,12 @@ def decided(work: Registration, start: Start, given: Float, kind: str) -> Start:
 def _centred(work: Registration, given: Float, kind: str) -> Float:
     """Shift a pose (4, 4), and scale it where the kind may, so that source and target lie in one place."""
     ours, theirs = (principal_frame(cloud.sample) for cloud in (work.source, work.target))
-    turn = given[:3, :3] * (1.0 if kind == "rigid" else theirs.radius / ours.radius)
-    return homogeneous(turn, theirs.centre - turn @ ours.centre)
+    return _laid(given[:3, :3] * (1.0 if kind == "rigid" else theirs.radius / ours.radius), ours, theirs)
+
+
+def _laid(turn: Float, here: Frame, there: Frame) -> Float:
+    """Transform (4, 4) that turns by (3, 3), which may scale, and lays one centroid on the other."""
+    return homogeneous(turn, there.centre - turn @ here.centre)
 
 
 def _turn(one: Float, two: Float) -> float:
@@ -232,8 +236,7 @@ def _starts(work: Registration, own: Float, scaled: bool, mirror: Float) -> tupl
     out = [own @ mirror]
     for turn in _turns(halved=whole):
         for here, there in places:
-            rotation = scale * there.axes @ turn @ here.axes.T
-            out.append(homogeneous(rotation, there.centre - rotation @ here.centre) @ mirror)
+            out.append(_laid(scale * there.axes @ turn @ here.axes.T, here, there) @ mirror)
     return out, len(places)
 
 

@@ -14,7 +14,7 @@ from femors_addon.commandline import for_command
 from femors_addon.icp import Cloud, Registration, icp, matched
 from femors_addon.mesh import Float, Surface
 from femors_addon.nearest import SurfaceIndex
-from femors_addon.poses import best_start, decided
+from femors_addon.poses import _same_shape, best_start, decided, principal_frame
 from femors_addon.progress import Cancelled
 from femors_addon.transforms import homogeneous, inverse, transformed
 
@@ -260,6 +260,36 @@ def test_a_shape_that_lies_on_itself_is_not_turned_more_than_it_must_be(shape, t
     found = align(placed(start, shape), target)
     assert turn_between(found.matrix, np.eye(4)) < angle + 8
     assert not found.warnings
+
+
+@pytest.mark.parametrize(
+    ("shape", "angle", "axis"),
+    [
+        (placed(np.diag([1.0, 1.0, 3.0, 1.0]), BALL), 35, (3, -1, 1)),
+        (shapes.box((4, 4, 1), 8, low=(-2, -2, -0.5)), 10, (3, -1, 1)),
+        (shapes.box((2, 2, 2), 6, low=(-1, -1, -1)), 25, (1, 2, 3)),
+        (shapes.box((2, 2, 2), 6, low=(-1, -1, -1)), 35, (3, -1, 1)),
+    ],
+    ids=["spindle", "plate", "cube", "cube turned more"],
+)
+def test_a_shape_that_lies_on_itself_is_laid_onto_its_own_mesh_as_it_was(shape, angle, axis):
+    """All poses in which nodes fall on nodes leave nothing: none is better for its rounding."""
+    axis = np.array(axis) / np.linalg.norm(axis)
+    turn = Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
+    start = homogeneous(turn, np.array([0.3, 0.21, 0.09]) * shape.diagonal)
+    found = align(placed(start, shape), shape)
+    assert turn_between(found.matrix, np.eye(4)) < angle + 1
+    assert not found.warnings
+
+
+def test_what_is_turned_back_does_not_lie_on_itself():
+    """ICP of a bone with itself, a sixth of a turn apart, finds it as it was; a spindle it leaves there."""
+    bone, spindle = shapes.bone(900, seed=1), placed(np.diag([1.0, 1.0, 3.0, 1.0]), BALL)
+    for shape, same in ((bone, False), (spindle, True)):
+        work = Registration(Cloud.of(shape), Cloud.of(shape), "none", 1e-5 * shape.diagonal)
+        axis = principal_frame(shape.vertices).axes[:, 0]
+        turn = homogeneous(Rotation.from_rotvec(np.pi / 3 * axis).as_matrix(), (0.0, 0.0, 0.0))
+        assert _same_shape(work, np.eye(4), turn) == same
 
 
 def test_the_given_pose_does_not_choose_among_poses_of_another_shape(unlike):

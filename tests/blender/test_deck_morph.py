@@ -19,6 +19,7 @@ from deck_cases import (
     target_of,
     warp,
 )
+from drawn import Layout, sidebar
 
 DATA = Path(os.environ.get("FEMORS_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
 KNEE = DATA / "knee"
@@ -142,6 +143,20 @@ def test_a_femoral_cartilage(empty, tmp_path, tools, core):
     expected, result = core("deck_morph").morph_part(read, read.part(None), aim)
     assert got == expected.encoded()
     assert not len(result.inverted_new)
+
+
+def test_elements_that_a_morph_has_repaired_are_not_drawn_as_inverted(deck, tools, core, part):
+    path, (item,) = deck(plain())
+    target_of(tools, core, path)
+    assert bpy.ops.femors.morph(source=item.name, target="Target", alignment="none") == {"FINISHED"}
+    report = json.loads(bpy.context.object.femors.report)
+    elements = report["volume"]
+    elements["inverted_on_input"] = [1, 2, 3]
+    elements["before"]["inverted"], elements["after"]["inverted"] = 3, 1
+    layout = Layout()
+    part("ui.figures").draw_figures(layout, report, sidebar(280))
+    row = layout.said.index("Inverted elements")
+    assert layout.said[row + 1 : row + 3] == ["3", "1"]
 
 
 # --- figures and colours -------------------------------------------------------------------------------
