@@ -17,6 +17,9 @@ from functools import partial
 from itertools import chain, islice
 from typing import Any, TypeVar, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .limits import Limits
 from .progress import Cancelled, Progress, silent
 
@@ -28,7 +31,8 @@ AHEAD = 2  # parts for each thread that are begun before the first is done: no m
 BLOCK = 20_000  # rows: some 20 ms of a search
 LOOK = 0.05  # seconds between two looks at whether jobs in other threads are to be cancelled
 
-_here = threading.local()  # `crew` is that of the thread; `alone`, whether it wants none
+# `crew` is that of the thread; `alone`, whether it wants none; `aside`, whether its job is one put aside
+_here = threading.local()
 
 
 @contextmanager
@@ -110,6 +114,11 @@ def in_blocks(work: Callable[[slice], R], count: int) -> list[R]:
     return together([partial(work, slice(start, start + BLOCK)) for start in starts])
 
 
+def blockwise(work: Callable[[slice], NDArray], count: int) -> NDArray:
+    """Return what the work returns for each block of rows, one below the other; see `in_blocks`."""
+    return np.concatenate(in_blocks(work, count))
+
+
 def at_once(*jobs: Callable[[Progress], Any], progress: Progress = silent) -> list[Any]:
     """Return what each job returns; none may need what another writes.
 
@@ -147,22 +156,28 @@ def _at_once(mine: _Crew, jobs: Sequence[Callable[[Progress], Any]], progress: P
 def aside(job: Callable[[Progress], R], progress: Progress = silent) -> Iterator[Callable[[], R]]:
     """Offer a job to whoever has nothing else to do, and give what waits for its result.
 
-    Where nobody has taken it, it is done when it is asked for, and reports to `progress`. Where the block is
-    left before, it is stopped as it next reports, and waited for.
+    Who has taken it looks for other work whenever it reports: it fills the time in which this thread has
+    nothing to share. Where nobody has taken it, it is done when it is asked for, and reports to `progress`.
+    Where the block is left before, it is stopped as it next reports, and waited for.
     """
     mine: _Crew | None = getattr(_here, "crew", None)
     if mine is None:
         yield lambda: job(progress)
         return
-    stop = _Stop()
-    task = _Task(partial(job, stop))
+    stop = _Aside(mine)
+
+    def run() -> R:
+        with _aside(True):
+            return job(stop)
+
+    task = _Task(run)
     mine.offer([task], later=True)
 
     def result() -> R:
         if mine.claim(task):
             task.job = partial(job, progress)
             task.run()
-        return cast("R", mine.outcome(task))
+        return cast("R", mine.outcome(task, later=True))
 
     try:
         yield result
@@ -184,6 +199,30 @@ class _Stop:
         # another's goes on to who asked for it: whoever it is that does its job now
         if isinstance(self._progress, _Stop) or threading.get_ident() == self._owner:
             self._progress(0.0, "")
+
+
+class _Aside(_Stop):
+    """What a job that is put aside reports to: whatever else is offered meanwhile is done first."""
+
+    def __init__(self, mine: _Crew) -> None:
+        super().__init__()
+        self._crew = mine
+
+    def __call__(self, fraction: float, text: str) -> None:
+        super().__call__(fraction, text)
+        with _aside(False):
+            self._crew.help()
+
+
+@contextmanager
+def _aside(whether: bool) -> Iterator[None]:
+    """What this thread offers meanwhile is for those who have nothing else to do, or not."""
+    before = getattr(_here, "aside", False)
+    _here.aside = whether
+    try:
+        yield
+    finally:
+        _here.aside = before
 
 
 def _over(
@@ -254,6 +293,7 @@ class _Crew:
 
     def offer(self, tasks: Sequence[_Task], later: bool = False) -> None:
         """Offer tasks to whoever is idle; the last is taken first, `later` after all others."""
+        later = later or getattr(_here, "aside", False)
         with self.changed:
             (self._later if later else self._offers).extend(tasks)
             self.changed.notify_all()
@@ -267,9 +307,20 @@ class _Crew:
                     return True
             return False
 
-    def take(self) -> _Task | None:
-        """Take what was offered last, if anything is; call with `changed` held."""
-        return self._offers.pop() if self._offers else None
+    def take(self, later: bool = False) -> _Task | None:
+        """Take what was offered last, if anything is, `later` what was put aside, too; with `changed` held."""
+        if self._offers:
+            return self._offers.pop()
+        return self._later.pop() if later and self._later else None
+
+    def help(self) -> None:
+        """Do what others offer, as long as they do."""
+        while True:
+            with self.changed:
+                task = self.take()
+            if task is None:
+                return
+            self.do(task)
 
     def do(self, task: _Task) -> None:
         """Run a task that somebody else may wait for."""
@@ -277,14 +328,15 @@ class _Crew:
         with self.changed:
             self.changed.notify_all()
 
-    def outcome(self, task: _Task, look: Progress | None = None) -> Any:
+    def outcome(self, task: _Task, look: Progress | None = None, later: bool = False) -> Any:
         """Return what a task has given, and do meanwhile what others offer: parts of that task, often.
 
         What is waited for is a part of what waits, or put aside by it: no two threads wait for each other.
         """
+        later = later or getattr(_here, "aside", False)
         while not task.done.is_set():
             with self.changed:
-                other = self.take()
+                other = self.take(later)
                 if other is None and not task.done.is_set():
                     self.changed.wait(LOOK if look else None)
             if other is not None:
@@ -298,11 +350,10 @@ class _Crew:
         _here.crew = self
         while True:
             with self.changed:
-                while self._open and not (self._offers or self._later):
+                while (task := self.take(later=True)) is None and self._open:
                     self.changed.wait()
                 if not self._open:
                     return
-                task = self.take() or self._later.pop()
             self.do(task)
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from . import triples
 from .cached import cached_property
+from .crew import at_once
 from .intersect import self_intersections
 from .mesh import Float, Int, Surface
 from .progress import Progress, silent
@@ -25,11 +26,6 @@ class Reference:
     """A surface that moved ones are compared with, and what was wrong with it already."""
 
     surface: Surface
-
-    @cached_property
-    def facing(self) -> Float:
-        """Cosine (m,) of each face with its surroundings, see `_facing`."""
-        return _facing(self.surface)
 
     @cached_property
     def slimness(self) -> Float:
@@ -56,30 +52,30 @@ def folded(reference: Reference, moved: Surface, rows: NDArray | slice = slice(N
     A face folds over against its own surroundings. It is pressed flat where nodes come to lie on one
     point or line, as they may where a coarse target has a corner.
     """
-    before = reference.facing[rows]
-    over = (before > 0) & (_facing(moved) < np.minimum(0.05, 0.5 * before))
+    before = reference.surface.facing[rows]
+    over = (before > 0) & (moved.facing < np.minimum(0.05, 0.5 * before))
     flat = (_slimness(moved) < FLAT) & (reference.slimness[rows] >= FLAT)
     return np.flatnonzero(over | flat).astype(np.int32)
 
 
 def _slimness(surface: Surface) -> Float:
     """Height over longest side (m,) of each face; 0 without a side."""
-    longest = triples.longest_squared(surface.corners)
+    longest = surface.told(triples.longest_side)
     return 2.0 * surface.face_areas / np.maximum(longest, np.finfo(float).tiny)
-
-
-def _facing(surface: Surface) -> Float:
-    """Cosine (m,) between a face's normal and the mean of the normals at its corners."""
-    around = triples.total(surface.vertex_normals.take(surface.faces, axis=0))
-    return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around))
 
 
 def bad_faces(reference: Reference, moved: Surface, progress: Progress = silent) -> Int:
     """Faces folded over or crossing others in `moved`, though not in `reference`."""
-    crossing = np.unique(self_intersections(moved, progress))
+    moved.face_cross  # noqa: B018  both ask for it: worked out once
+    pairs, over = at_once(
+        lambda word: self_intersections(moved, word),
+        lambda _: folded(reference, moved),
+        progress=progress,
+    )
+    crossing = np.unique(pairs)
     if len(crossing):
         crossing = np.setdiff1d(crossing, reference.crossed(progress))
-    return np.union1d(folded(reference, moved), crossing).astype(np.int32)
+    return np.union1d(over, crossing).astype(np.int32)
 
 
 def unfolded(

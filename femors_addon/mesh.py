@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ from scipy.sparse import csgraph
 
 from . import triples
 from .cached import cached_property
-from .crew import in_blocks
+from .crew import blockwise
 from .progress import FemorsError
 from .triples import Float
 
@@ -110,15 +111,18 @@ class Surface:
         """(m, 3, 3) the corner positions of each face: taken anew each time, for they are large."""
         return self.vertices.take(self.faces, axis=0)
 
+    def told(self, by_corners: Callable[[Float, Float, Float], NDArray]) -> NDArray:
+        """Return what is told (m, ...) of each face by its three corners, (k, 3) each of some at a time."""
+
+        def of(block: slice) -> NDArray:
+            return by_corners(*(self.vertices.take(corner, axis=0) for corner in self.faces[block].T))
+
+        return blockwise(of, len(self.faces))
+
     @cached_property
     def face_cross(self) -> Float:
         """(m, 3) face normals scaled by twice the area."""
-
-        def of(block: slice) -> Float:
-            a, b, c = (self.vertices.take(corner, axis=0) for corner in self.faces[block].T)
-            return triples.cross(b - a, c - a)
-
-        return np.concatenate(in_blocks(of, len(self.faces)))
+        return self.told(triples.crossed)
 
     @cached_property
     def face_areas(self) -> Float:
@@ -134,6 +138,17 @@ class Surface:
     def vertex_normals(self) -> Float:
         """(n, 3) area-weighted unit normals; zero where no face is."""
         return triples.unit(self.vertex_faces @ self.face_cross)
+
+    @cached_property
+    def facing(self) -> Float:
+        """(m,) cosine between each face's normal and the mean of the normals at its corners."""
+        around, own = self.vertex_normals, self.face_normals
+
+        def of(block: slice) -> Float:
+            mean = triples.unit(triples.total(around.take(self.faces[block], axis=0)))
+            return np.einsum("ij,ij->i", own[block], mean)
+
+        return blockwise(of, len(self.faces))
 
     @cached_property
     def bounds(self) -> tuple[Float, Float]:
@@ -156,7 +171,7 @@ class Surface:
             a, b = (self.vertices.take(end, axis=0) for end in self.edges[block].T)
             return triples.length(a - b)
 
-        return np.concatenate(in_blocks(of, len(self.edges)))
+        return blockwise(of, len(self.edges))
 
     @cached_property
     def mean_edge(self) -> float:
@@ -242,10 +257,9 @@ class Surface:
     @cached_property
     def vertex_faces(self) -> sparse.csr_matrix:
         """(n, m) 0/1 matrix: the faces at each vertex."""
-        m = len(self.faces)
-        columns = np.repeat(np.arange(m), 3)
-        ones = np.ones(3 * m)
-        return sparse.csr_matrix((ones, (self.faces.ravel(), columns)), shape=(len(self.vertices), m))
+        faces, first = self.corner_order
+        shape = len(self.vertices), len(self.faces)
+        return sparse.csr_matrix((np.ones(len(faces)), faces, first.astype(np.int32)), shape=shape)
 
 
 def edge_matrix(edges: Int, n: int) -> sparse.csr_matrix:

@@ -12,6 +12,7 @@ from . import triples
 from .cached import cached_property
 from .carry import Carrier
 from .cleaning import Cleaned
+from .crew import at_once
 from .folds import Reference
 from .grnn import DisplacementField
 from .intersect import self_intersections
@@ -21,8 +22,8 @@ from .morph_fit import misfit_around, part_of_whole, verdict
 from .morph_result import MorphResult, Step
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
-from .progress import Progress, counted, part
-from .quality import Comparison, compare, dihedral_angles, flipped_faces
+from .progress import Progress, counted, part, repeating
+from .quality import Comparison, Stat, compare, dihedral_angles, flipped_faces
 from .transforms import transformed
 
 AT_PLACE = 1e-12  # of the size: a node stands where it was laid
@@ -143,9 +144,15 @@ def result_of(
     vertices = outcome.vertices(given.vertices, weights)
     progress(0.2, "measuring")
     distance = outcome.distances(vertices)
-    back, residual = _way_back(outcome, settings.partial, part(progress, 0.2, 0.6))
-    progress(0.6, "measuring")
-    before, after = outcome.before, _after(outcome, back)
+    pleats: tuple[str, ...]
+    (back, residual), after, pleats = at_once(
+        lambda word: _way_back(outcome, settings.partial, word),
+        lambda word: _after(outcome, word),
+        lambda _: _pleated(outcome.aligned, morphed, target),
+        progress=repeating(progress, 0.4, "measuring"),
+    )
+    before = outcome.before
+    after = dataclasses.replace(after, target_to_surface=Stat.of(back.distance))
     aligned = transformed(outcome.matrix, given.vertices)
     if outcome.whole is not outcome.source:
         before, after = (
@@ -159,7 +166,7 @@ def result_of(
     )
     faults = _folded(outcome.bad)
     hints = part_of_whole(outcome.source.surface, morphed, target, settings.partial, converged)
-    hints += _pleated(outcome.aligned, morphed, target)
+    hints += pleats
     progress(1.0, "done")
     return MorphResult(
         vertices=vertices,
@@ -214,8 +221,8 @@ def compared_before(
     )
 
 
-def _after(outcome: Outcome, back: Closest) -> Comparison:
-    """Compare the morphed source with the target; `back` are the target's nodes on it."""
+def _after(outcome: Outcome, progress: Progress) -> Comparison:
+    """Compare the morphed source with the target, but for the way back."""
     source = outcome.source.surface
     return compare(
         source,
@@ -223,9 +230,10 @@ def _after(outcome: Outcome, back: Closest) -> Comparison:
         outcome.target.surface,
         target_index=outcome.index,
         to_target=outcome.to_target,
-        from_target=back.distance,
+        from_target=np.zeros(0),
         # nothing bad is left in a source without crossings: that has been looked at
         self_intersecting=0 if not outcome.bad and not outcome.before.self_intersecting else None,
+        progress=progress,
     )
 
 

@@ -8,13 +8,14 @@ authors' example. No measure of an empty or degenerate mesh is ever NaN or infin
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import triples
-from .crew import in_blocks
+from .crew import blockwise, together
 from .intersect import Piercings, crossings, piercings, self_intersections
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
@@ -91,10 +92,14 @@ def _short(value: float) -> str:
 # --- the shape of faces -----------------------------------------------------------------------------
 def aspect_ratio(surface: Surface) -> Float:
     """Longest side over shortest side of each face (m,), from 1 to `WORST_ASPECT`."""
-    squared = _squared_sides(surface)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.sqrt(triples.greatest(squared) / triples.least(squared))
-    return np.where(ratio < WORST_ASPECT, ratio, WORST_ASPECT)  # also where it is NaN
+
+    def of(a: Float, b: Float, c: Float) -> Float:
+        squared = _squared_sides(a, b, c)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.sqrt(triples.greatest(squared) / triples.least(squared))
+        return np.where(ratio < WORST_ASPECT, ratio, WORST_ASPECT)  # also where it is NaN
+
+    return surface.told(of)
 
 
 def skewness(surface: Surface) -> Float:
@@ -103,14 +108,16 @@ def skewness(surface: Surface) -> Float:
     ``max((largest - 60) / 120, (60 - smallest) / 60)`` of the angles in degrees; as an angle sum of
     180 makes the second the larger of the two, or its equal, it is ``1 - smallest / 60``.
     """
-    corners = surface.corners
-    smallest = np.full(len(surface.faces), np.pi / 3)
-    for i in range(3):
-        here = corners[:, i]
-        one, two = corners[:, i - 2] - here, corners[:, i - 1] - here
-        angle = np.arctan2(2.0 * surface.face_areas, np.einsum("ij,ij->i", one, two))
-        smallest = np.minimum(smallest, angle)
-    return 1.0 - smallest / (np.pi / 3)
+
+    def of(a: Float, b: Float, c: Float) -> Float:
+        smallest = np.full(len(a), np.pi / 3)
+        area = triples.length(triples.crossed(a, b, c))
+        for here, one, two in ((a, b, c), (b, c, a), (c, a, b)):
+            angle = np.arctan2(area, np.einsum("ij,ij->i", one - here, two - here))
+            smallest = np.minimum(smallest, angle)
+        return 1.0 - smallest / (np.pi / 3)
+
+    return surface.told(of)
 
 
 def dihedral_angles(surface: Surface) -> Float:
@@ -119,12 +126,17 @@ def dihedral_angles(surface: Surface) -> Float:
     One value per half-edge (2k,), so that each edge with two faces counts twice; the surface has to
     be wound consistently. A face without area has no direction and counts as flat.
     """
-    pairs, _ = surface.edge_faces
-    one, two = surface.face_normals[pairs[:, 0]], surface.face_normals[pairs[:, 1]]
-    # Kahan's form: exact for small angles, where the arc cosine loses half the digits
-    apart, along = triples.length(one - two), triples.length(one + two)
-    angle = np.degrees(2.0 * np.arctan2(apart, along))
-    angle[~(triples.some(one != 0) & triples.some(two != 0))] = 0.0
+    pairs, normals = surface.edge_faces[0], surface.face_normals
+
+    def of(block: slice) -> Float:
+        one, two = (normals.take(face, axis=0) for face in pairs[block].T)
+        # Kahan's form: exact for small angles, where the arc cosine loses half the digits
+        apart, along = triples.length(one - two), triples.length(one + two)
+        angle: Float = np.degrees(2.0 * np.arctan2(apart, along))
+        angle[~(triples.some(one != 0) & triples.some(two != 0))] = 0.0
+        return angle
+
+    angle = blockwise(of, len(pairs))
     twice = np.empty((len(angle), 2))
     twice[:] = angle[:, None]  # np.repeat would hold the interpreter
     return twice.ravel()
@@ -132,7 +144,12 @@ def dihedral_angles(surface: Surface) -> Float:
 
 def degenerate(surface: Surface) -> np.ndarray:
     """True (m,) for the faces without area: height below 1e-12 of the longest side."""
-    return ~(2.0 * surface.face_areas > 1e-12 * _squared_sides(surface).max(axis=1, initial=0.0))
+
+    def of(a: Float, b: Float, c: Float) -> np.ndarray:
+        longest = triples.greatest(_squared_sides(a, b, c))
+        return ~(triples.length(triples.crossed(a, b, c)) > 1e-12 * longest)
+
+    return surface.told(of)
 
 
 def edge_faults(surface: Surface) -> tuple[int, int]:
@@ -167,8 +184,7 @@ def folded_faces(surface: Surface) -> Int:
 
 def opposed(surface: Surface) -> np.ndarray:
     """True (m,) for the faces turned against their neighbourhood."""
-    around = triples.total(surface.vertex_normals.take(surface.faces, axis=0))
-    return np.einsum("ij,ij->i", surface.face_normals, triples.unit(around)) < -1e-9
+    return surface.facing < -1e-9
 
 
 def inverted(before: Surface, after: Surface) -> np.ndarray:
@@ -196,10 +212,9 @@ def _volumes(surface: Surface, part: np.ndarray, parts: int) -> Float:
     return np.where(np.abs(volume) > 1e-9 * reach, volume, 0.0)
 
 
-def _squared_sides(surface: Surface) -> Float:
-    corners = surface.corners
-    sides = [corners[:, i] - corners[:, i - 1] for i in range(3)]
-    return np.column_stack([np.einsum("ij,ij->i", side, side) for side in sides])
+def _squared_sides(a: Float, b: Float, c: Float) -> Float:
+    """Squared lengths (m, 3) of the sides of triangles with corners (m, 3)."""
+    return np.column_stack([np.einsum("ij,ij->i", side, side) for side in (a - c, b - a, c - b)])
 
 
 # --- distances --------------------------------------------------------------------------------------
@@ -210,7 +225,7 @@ def nearest_vertex_distance(points: ArrayLike, target_vertices: ArrayLike) -> Fl
     if not len(points) or not len(target):
         return np.zeros(len(points))
     tree = cKDTree(target, balanced_tree=False)
-    return np.concatenate(in_blocks(lambda block: np.asarray(tree.query(points[block])[0]), len(points)))
+    return blockwise(lambda block: np.asarray(tree.query(points[block])[0]), len(points))
 
 
 def _used(surface: Surface) -> Float:
@@ -297,15 +312,27 @@ def compare(
     if self_intersecting is None:
         self_intersecting = len(np.unique(self_intersections(morphed, part(progress, 0.8, 0.9))))
     progress(0.9, "shapes of elements")
+    def figure(measure: Callable[[Surface], Float]) -> Callable[[], Stat]:
+        return lambda: Stat.of(measure(morphed))
+
+    flipped, nearest, dihedral, skew, aspect = together(
+        [
+            lambda: flipped_faces(source, morphed),
+            lambda: Stat.of(nearest_vertex_distance(points, everything)),
+            figure(dihedral_angles),
+            figure(skewness),
+            figure(aspect_ratio),
+        ]
+    )
     return Comparison(
         surface_to_target=Stat.of(there),
         target_to_surface=Stat.of(back),
-        hausdorff=Stat.of(nearest_vertex_distance(points, everything)),
-        aspect=Stat.of(aspect_ratio(morphed)),
-        skewness=Stat.of(skewness(morphed)),
-        dihedral=Stat.of(dihedral_angles(morphed)),
+        hausdorff=nearest,
+        aspect=aspect,
+        skewness=skew,
+        dihedral=dihedral,
         movement=Stat.of(triples.length(morphed.vertices - source.vertices)),
-        flipped=len(flipped_faces(source, morphed)),
+        flipped=len(flipped),
         self_intersecting=self_intersecting,
         sample=sample,
     )

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import functools
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from scipy import sparse
 
 from . import triples
 from .correspond import FACING, at_border, interpolated_normals
-from .crew import in_blocks
+from .crew import BLOCK, in_blocks, together
 from .features import FeatureLines
 from .folds import Reference, bad_faces, folded, unfolded
 from .grnn import DisplacementField
@@ -78,14 +78,14 @@ class ShapeMatching:
 
     def __init__(self, source: Surface) -> None:
         # indices as NumPy wants them, or each call would make them so
-        self._corners, self._count = source.faces.T.astype(np.intp, order="C"), len(source.vertices)
+        self._corners = source.faces.T.astype(np.intp, order="C")
         flat = np.concatenate(
             in_blocks(lambda b: np.stack(self._flattened(source.vertices, b)[:2]), len(source.faces)), axis=2
         )
         self._along, self._across = flat  # (3, m) rest shape, the centroid at the origin
         square = (self._along**2).sum(axis=0) + (self._across**2).sum(axis=0)
         self._size = np.maximum(square, TINY)
-        self._fixed = source.border
+        self._fixed, self._corners_of = source.border, self._by_node(len(source.vertices))
 
     def move(self, positions: Float) -> Float:
         """Return the move (n, 3) asked for at positions (n, 3); border nodes stay."""
@@ -94,13 +94,17 @@ class ShapeMatching:
         in_blocks(
             lambda b: self._changes(positions, b, weight[:, b], wanted[:, :, b]), self._corners.shape[1]
         )
-        at = self._corners.ravel()
-        shared = 1.0 / np.maximum(np.bincount(at, weight.ravel(), self._count), TINY)
-        total = np.empty((self._count, 3))
-        for axis in range(3):
-            total[:, axis] = np.bincount(at, wanted[axis].ravel(), self._count) * shared
+        total = np.concatenate(together([partial(_mean, some, weight, wanted) for some in self._corners_of]))
         total[self._fixed] = 0.0
         return total
+
+    def _by_node(self, count: int) -> list[sparse.csr_matrix]:
+        """Matrices (k, 3 m), of some nodes each, that add up what stands by corner and face."""
+        at = self._corners.ravel()
+        order = np.argsort(at, kind="stable").astype(np.int32)
+        first = np.concatenate(([0], np.cumsum(np.bincount(at, minlength=count)))).astype(np.int32)
+        every = sparse.csr_matrix((np.ones(len(at)), order, first), shape=(count, len(at)))
+        return [every[start : start + BLOCK] for start in range(0, count, BLOCK)]
 
     def _changes(self, positions: Float, block: slice, weight: Float, wanted: Float) -> None:
         """Write the weights (3, k) of a block's faces, and the change (3, 3, k), by axis and corner."""
@@ -145,6 +149,12 @@ class ShapeMatching:
             along,
             across,
         )
+
+
+def _mean(nodes: sparse.csr_matrix, weight: Float, wanted: Float) -> Float:
+    """Mean (k, 3) of what the faces at some nodes want (3, 3, m), by axis, their weights being (3, m)."""
+    shared = 1.0 / np.maximum(nodes @ weight.ravel(), TINY)
+    return np.stack([(nodes @ axis.ravel()) * shared for axis in wanted], axis=1)
 
 
 def _products(a: Float, b: Float) -> Float:
@@ -215,7 +225,7 @@ def settle(
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)
     under_way = repeating(progress, rounds / (rounds + 1), "checking for folded faces")
-    judge = functools.partial(bad_faces, progress=under_way)
+    judge = partial(bad_faces, progress=under_way)
     displacement, left = unfolded(reference, displacement, mean, judge, free)
     return displacement, left, landed
 

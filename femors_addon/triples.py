@@ -69,6 +69,11 @@ def cross(a: Float, b: Float) -> Float:
     return out
 
 
+def crossed(a: Float, b: Float, c: Float) -> Float:
+    """Return the normals (m, 3) of triangles with corners (m, 3), as long as twice their areas."""
+    return cross(b - a, c - a)
+
+
 def unit(vectors: Float) -> Float:
     """Normalise the rows (n, 3); rows of zero length, or too short to be squared, are zero."""
     size = length(vectors)
@@ -103,7 +108,11 @@ def box(points: Float) -> tuple[Float, Float]:
 
 def longest_squared(corners: Float) -> Float:
     """Return the squared length (m,) of the longest side of triangles (m, 3, 3)."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    return longest_side(corners[:, 0], corners[:, 1], corners[:, 2])
+
+
+def longest_side(a: Float, b: Float, c: Float) -> Float:
+    """Return the squared length (m,) of the longest side of triangles with corners (m, 3)."""
     out = np.maximum(squared(b - a), squared(c - b))
     return np.asarray(np.maximum(out, squared(a - c), out=out))
 
