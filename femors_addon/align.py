@@ -138,7 +138,7 @@ def _registration(
     one, two = samples or (None, None)
     moved = source.moved(transformed(start, source.vertices))
     sample = None if one is None else one.moved(transformed(start, one.vertices))
-    ours, theirs = Cloud.of(moved, sample), Cloud.of(target, two)
+    ours, theirs = at_once(lambda _: Cloud.of(moved, sample), lambda _: Cloud.of(target, two))
     return Registration(ours, theirs, partial, TOLERANCE * target.diagonal)
 
 

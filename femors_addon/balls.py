@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from . import triples
+from .crew import in_blocks
 from .mesh import Float, Surface
 
 Index = NDArray[np.int64]
@@ -198,11 +199,17 @@ def _pieces(corners: Float, owner: Index) -> tuple[Float, Float, Index]:
 
 def enclosing_balls(corners: Float) -> tuple[Float, Float]:
     """Return centres (m, 3) and radii (m,) of balls around faces (m, 3, 3)."""
-    centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
-    radius = triples.squared(corners[:, 0] - centre)
-    for i in (1, 2):
-        np.maximum(radius, triples.squared(corners[:, i] - centre), out=radius)
-    return centre, np.sqrt(radius)
+
+    def of(block: slice) -> tuple[Float, Float]:
+        a, b, c = (np.ascontiguousarray(corners[block, i]) for i in range(3))
+        centre = (a + b + c) / 3.0
+        radius = triples.squared(a - centre)
+        for corner in (b, c):
+            np.maximum(radius, triples.squared(corner - centre), out=radius)
+        return centre, np.sqrt(radius)
+
+    centre, radius = zip(*in_blocks(of, len(corners)), strict=True)
+    return np.concatenate(centre), np.concatenate(radius)
 
 
 def _halved(corners: Float) -> Float:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from . import triples
-from .crew import in_blocks
+from .crew import blockwise
 from .mesh import Float, Int, Surface, connected
 from .orientation import oriented
 from .progress import FemorsError, counted
@@ -185,7 +185,7 @@ def _proper_faces(faces: Int, positions: Float, notes: list[str]) -> tuple[Int, 
         apart = (a != b) & (b != c) & (c != a)
         return apart & (triples.squared(area) > (1e-12 * triples.longest_squared(corners)) ** 2)
 
-    kept = keep = np.flatnonzero(np.concatenate(in_blocks(proper, len(faces))))
+    kept = keep = np.flatnonzero(blockwise(proper, len(faces)))
     a, b, c = faces[keep].T
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     ordered = np.column_stack((low, a + b + c - low - high, high))

@@ -18,7 +18,7 @@ from .crew import at_once
 from .cutouts import normals_at
 from .grnn import DisplacementField
 from .mesh import Float, Surface
-from .nearest import SurfaceIndex
+from .nearest import SurfaceIndex, weighted
 from .progress import Progress, silent
 
 LONGEST = 0.6  # spreads that one iteration may move a node
@@ -171,7 +171,7 @@ def compatible(
 
 def interpolated_normals(surface: Surface, face: np.ndarray, barycentric: Float) -> Float:
     """Vertex normals (p, 3) interpolated on faces; not of unit length."""
-    return np.einsum("pk,pkc->pc", barycentric, surface.vertex_normals[surface.faces[face]])
+    return weighted(surface.vertex_normals, surface, face, barycentric)
 
 
 def at_border(surface: Surface, face: np.ndarray, barycentric: Float) -> np.ndarray:

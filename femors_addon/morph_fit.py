@@ -49,7 +49,8 @@ def misfit_around(
     """
     large = target.faces[target.face_areas > LARGE_FACE * morphed.face_areas.mean()]
     middles = triples.total(target.vertices.take(large, axis=0)) / 3.0
-    points = np.concatenate((target.vertices[np.unique(target.faces)], middles))
+    used = triples.renumbered(target.faces, len(target.vertices))[0]
+    points = np.concatenate((target.vertices[used], middles))
     unknown = points if back is None else middles
     found = (index or SurfaceIndex(morphed)).closest(unknown) if len(unknown) else None
     parts = [part for part in (back, found) if part is not None]
@@ -163,7 +164,9 @@ def _border_length(surface: Surface) -> float:
     key, paired = (
         those[:, 0].astype(np.int64) * n + those[:, 1] for those in (surface.edges, surface.edge_faces[1])
     )
-    ends = surface.edges[~np.isin(key, paired)]
+    lone = np.ones(len(key), dtype=bool)
+    lone[np.searchsorted(key, paired)] = False  # both ascend
+    ends = surface.edges[lone]
     return float(triples.length(surface.vertices[ends[:, 0]] - surface.vertices[ends[:, 1]]).sum())
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import triples
-from .crew import over
+from .crew import blockwise, over
 from .mesh import Float, Int, Surface
 from .progress import Progress, part, silent
 from .triangles import Triangles
@@ -81,8 +81,7 @@ class SurfaceIndex:
         for number, (tree, members, slack) in enumerate(self._classes):
             reporter = part(progress, number * share, (number + 1) * share)
             self._search(points, tree, members, slack, (best, face, bary), reporter)
-        corners = self.surface.vertices[self.surface.faces[face]]
-        point = np.einsum("pk,pkc->pc", bary, corners)
+        point = weighted(self.surface.vertices, self.surface, face, bary)
         return Closest(triples.length(points - point), point, face, bary)
 
     def _search(
@@ -241,6 +240,16 @@ class SurfaceIndex:
             for axis in range(3):
                 total[:, axis] += np.bincount(here, weighted[:, axis], len(vertex))
         return triples.unit(total)
+
+
+def weighted(values: Float, surface: Surface, face: Int, barycentric: Float) -> Float:
+    """Interpolate the vertices' values (n, 3) on faces (p,), the corners weighing (p, 3)."""
+
+    def of(block: slice) -> Float:
+        corners = values.take(surface.faces.take(face[block], axis=0), axis=0)
+        return np.einsum("pk,pkc->pc", barycentric[block], corners)
+
+    return blockwise(of, len(face))
 
 
 def blocks(indices: Int, size: int) -> list[Int]:

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from . import triples
-from .crew import in_blocks
+from .crew import blockwise
 from .mesh import Float, Int, Surface
 
 PROBES = 12  # vertices of a component that are looked at to tell whether it lies in another
@@ -67,7 +67,7 @@ def _component_volumes(surface: Surface, flip: NDArray[np.bool_], component: Int
     def middles(block: slice) -> Float:
         return triples.total(surface.vertices.take(surface.faces[block], axis=0)) / 3.0
 
-    middle = np.concatenate(in_blocks(middles, len(surface.faces)))
+    middle = blockwise(middles, len(surface.faces))
     centre = np.column_stack([np.bincount(component, middle[:, k]) / count for k in range(3)])
     middle -= centre.take(component, axis=0)
     height = triples.dot(middle, surface.face_cross)

@@ -19,6 +19,7 @@ from .grnn import DisplacementField
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
+from .quality import nearest_vertex_distance
 from .relax import averaging, guarded, slide
 
 MISSED = 1.0  # mean edges between a node of the target and the source that falls short of it
@@ -105,7 +106,7 @@ def _missed(moved: Surface, target: Surface, limit: float) -> tuple[Float, Float
     """Points (k, 3) of the source that fall short of nodes of the target by the limit, and vectors there."""
     nodes, none = target.vertices, np.empty((0, 3))
     # the surface is no farther than its nearest node
-    rows = np.flatnonzero(cKDTree(moved.vertices).query(nodes)[0] > limit)
+    rows = np.flatnonzero(nearest_vertex_distance(nodes, moved.vertices) > limit)
     if not len(rows):
         return none, none
     found = SurfaceIndex(moved).closest(nodes[rows])

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from . import triples
 from .correspond import FACING, at_border, interpolated_normals
-from .crew import BLOCK, in_blocks, together
+from .crew import BLOCK, blockwise, in_blocks, together
 from .features import FeatureLines
 from .folds import Reference, bad_faces, folded, unfolded
 from .grnn import DisplacementField
@@ -104,7 +104,7 @@ class ShapeMatching:
         order = np.argsort(at, kind="stable").astype(np.int32)
         first = np.concatenate(([0], np.cumsum(np.bincount(at, minlength=count)))).astype(np.int32)
         every = sparse.csr_matrix((np.ones(len(at)), order, first), shape=(count, len(at)))
-        return [every[start : start + BLOCK] for start in range(0, count, BLOCK)]
+        return cut(every)
 
     def _changes(self, positions: Float, block: slice, weight: Float, wanted: Float) -> None:
         """Write the weights (3, k) of a block's faces, and the change (3, 3, k), by axis and corner."""
@@ -149,6 +149,15 @@ class ShapeMatching:
             along,
             across,
         )
+
+
+def cut(matrix: sparse.csr_matrix) -> list[sparse.csr_matrix]:
+    """Cut a matrix into blocks of rows, for their products to go to the threads there are."""
+    return [matrix[start : start + BLOCK] for start in range(0, max(matrix.shape[0], 1), BLOCK)]
+
+
+def _times(matrix: sparse.csr_matrix, values: Float) -> Float:
+    return np.asarray(matrix @ values)
 
 
 def _mean(nodes: sparse.csr_matrix, weight: Float, wanted: Float) -> Float:
@@ -237,9 +246,9 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     neighbourhood along as one; an edge that is blunt in the reference, by the angle of its two faces.
     What begins without folds stays without.
     """
-    smooth = displacement
+    smooth, rows = displacement, cut(mean)
     for _ in range(SMOOTH):
-        smooth = mean @ smooth
+        smooth = np.concatenate(together([partial(_times, some, smooth) for some in rows]))
     taken_along = reference.moved(reference.vertices + smooth)
     upright, flat = taken_along.face_normals, PRESSED * 2.0 * taken_along.face_areas
     start, corners, beside = reference.vertices + displacement, reference.faces, reference.edge_faces[0]
@@ -255,7 +264,7 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
             size = (triples.length(normal) + flat[some])[:, None]
             return np.divide(normal, size, out=np.zeros_like(normal), where=size > 0)
 
-        return np.concatenate(in_blocks(of, len(faces)))
+        return blockwise(of, len(faces))
 
     def facing(faces: Int, share: Float) -> Float:
         return triples.dot(upright[faces], directions(faces, share))
@@ -273,7 +282,12 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     faces: Int = np.arange(len(corners), dtype=np.int32)
     normal = directions(faces, share)
     pleated = np.zeros(len(corners), dtype=bool)
-    pleated[beside[triples.dot(normal[beside[:, 0]], normal[beside[:, 1]]) < BEND]] = True
+
+    def along(block: slice) -> Float:
+        """Cosines of the two faces at some edges."""
+        return triples.dot(*(normal.take(side, axis=0) for side in beside[block].T))
+
+    pleated[beside[blockwise(along, len(beside)) < BEND]] = True
     faces, pairs = faces[triples.dot(upright, normal) < TURN], blunt(pleated)
     for factor in (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0):
         over = facing(faces, share) < np.minimum(TURN, facing(faces, nothing))
