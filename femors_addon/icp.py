@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from . import triples
+from .crew import together
 from .mesh import Float, Surface
 from .reduce import reduced
 from .transforms import inverse, transformed
@@ -135,22 +136,22 @@ def matched(work: Registration, matrices: Float) -> Matches:
     source, target, partial = work.source, work.target, work.partial
     back = np.array([inverse(matrix) for matrix in matrices])
     turned = back[:, :3, :3]  # normals go by the inverse transpose; outward stays outward under a mirror
-    directions = []
-    if partial != "target":
+
+    def forth() -> tuple[Float, Float, Float, Float, Float]:
         moved = _each(matrices, source.sample)
         distance, hit = target.tree.query(moved)
-        ours = source.sample_normals @ turned
-        directions.append((distance, ours, moved, target.nodes[hit], target.normals[hit]))
-    if partial != "source":
+        return distance, source.sample_normals @ turned, moved, target.nodes[hit], target.normals[hit]
+
+    def backward() -> tuple[Float, Float, Float, Float, Float]:
         _, hit = source.tree.query(_each(back, target.sample))
         moved = _each(matrices, source.nodes[hit])
         distance = np.linalg.norm(moved - target.sample, axis=2)
-        ours = source.normals[hit] @ turned
-        shape = moved.shape
-        there = np.broadcast_to(target.sample, shape), np.broadcast_to(target.sample_normals, shape)
-        directions.append((distance, ours, moved, *there))
+        there = (np.broadcast_to(those, moved.shape) for those in (target.sample, target.sample_normals))
+        return distance, source.normals[hit] @ turned, moved, *there
+
     kept, square = [], []
-    for distance, ours, x, y, n in directions:
+    ways = [forth] * (partial != "target") + [backward] * (partial != "source")
+    for distance, ours, x, y, n in together(ways):
         facing = np.einsum("spi,spi->sp", ours, n) > 0
         kept.append((x, y, n, _chosen(distance, facing, partial)))
         square.append(_penalised(distance, facing, partial))

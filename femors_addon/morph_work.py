@@ -103,17 +103,25 @@ class Work:
         progress(0.0, "reduced meshes")
         read, aim = ours.surface, theirs.surface
         counts = _counts(read, aim, settings)
-        own = canonical_frame(read.vertices)
-        upright = read.moved(transformed(own, read.vertices))
-        (ours, numbers), (theirs, _) = ordered(ours, upright.vertices), ordered(theirs, aim.vertices)
-        source, target = ours.surface, theirs.surface
-        levels, targets, index = at_once(
-            lambda look: _reduced(upright, counts[0], look),
+
+        def upright(look: Progress) -> tuple[Cleaned, Int, list[Surface]]:
+            own = canonical_frame(read.vertices)
+            turned = read.moved(transformed(own, read.vertices))
+            levels, back = _reduced(turned, counts[0], look), inverse(own)
+            levels = [level.moved(transformed(back, level.vertices)) for level in levels]
+            return *ordered(ours, turned.vertices), levels
+
+        def searched(_look: Progress) -> tuple[Cleaned, SurfaceIndex]:
+            target = ordered(theirs, aim.vertices)[0]
+            return target, SurfaceIndex(target.surface)
+
+        (ours, numbers, levels), targets, (theirs, index) = at_once(
+            upright,
             lambda look: _reduced(aim, counts[1], look),
-            lambda _: SurfaceIndex(target),
+            searched,
             progress=repeating(progress, 0.0, "reduced meshes"),
         )
-        levels = [level.moved(transformed(inverse(own), level.vertices)) for level in levels]
+        source, target = ours.surface, theirs.surface
         options: dict[str, Any] = {"partial": settings.partial, "fix_units": settings.fix_units}
         options |= {"fix_mirror": settings.fix_mirror, "samples": _samples(levels, [*targets, target])}
         options |= {"progress": part(progress, 0.05, 0.25)}
