@@ -29,26 +29,35 @@ AT_ONCE = 64_000
 
 
 def searches(a: Surface, b: Surface, within: float = 0.0) -> Iterator[Search]:
-    """Yield the parts of the search for pairs (face of a, face of b) whose enclosing balls overlap.
+    """Return the parts of the search for pairs (face of a, face of b) whose enclosing balls overlap.
 
     Of two surfaces also the pairs whose balls are `within` a distance of each other.
 
     Balls are searched octave of size by octave of size, so that one large face does not widen the
     search of a million small ones. With ``b is a`` each pair is met once.
     """
+    return _searches(*_classes(a, b, within))
+
+
+def _classes(a: Surface, b: Surface, within: float) -> tuple[list[Balls], list[Balls]]:
+    """Balls of both, by size; those of b are `within` larger. Of one surface the same list twice."""
     faces_a, faces_b = np.arange(len(a.faces)), np.arange(len(b.faces))
     if len(faces_a) and len(faces_b) and a is not b:
         low, high = np.maximum(a.bounds[0], b.bounds[0]), np.minimum(a.bounds[1], b.bounds[1])
         low, high = low - within, high + within
         faces_a, faces_b = _within(a.corners, low, high), _within(b.corners, low, high)
     if not len(faces_a) or not len(faces_b):
-        return
+        return [], []
     classes_a = size_classes(a, faces_a)
     classes_b = classes_a if a is b else size_classes(b, faces_b)
     if a is not b and within > 0:
         classes_b = [dataclasses.replace(balls, radius=balls.radius + within) for balls in classes_b]
+    return classes_a, classes_b
+
+
+def _searches(classes_a: list[Balls], classes_b: list[Balls]) -> Iterator[Search]:
     for i, one in enumerate(classes_a):
-        for two in classes_b[i:] if a is b else classes_b:
+        for two in classes_b[i:] if classes_a is classes_b else classes_b:
             if one is two:
                 yield from _meetings(one)
             else:

@@ -308,7 +308,7 @@ class _Crew:
             return False
 
     def take(self, later: bool = False) -> _Task | None:
-        """Take what was offered last, if anything is, `later` what was put aside, too; with `changed` held."""
+        """Take what was offered last, if anything, or what was put aside if `later`; with `changed` held."""
         if self._offers:
             return self._offers.pop()
         return self._later.pop() if later and self._later else None
@@ -352,7 +352,7 @@ class _Crew:
             with self.changed:
                 while (task := self.take(later=True)) is None and self._open:
                     self.changed.wait()
-                if not self._open:
+                if task is None or not self._open:
                     return
             self.do(task)
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from . import triples
 from .balls import Balls, Index, Search, overlapping, searches, size_classes
-from .crew import over
+from .crew import at_once, over
 from .mesh import Float, Int, Surface
 from .progress import Progress, silent
 
@@ -56,7 +56,7 @@ class Piercings:
 
 def piercings(a: Surface, b: Surface) -> Piercings:
     """Find every edge of `a` that pierces a face of `b`; ``b is a`` tests a surface against itself."""
-    planes_a, planes_b = Planes.of(a, b)
+    (planes_a, planes_b), parts = at_once(lambda _: Planes.of(a, b), lambda _: searches(a, b))
 
     def test(search: Search) -> list[tuple[Int, Index, Float]]:
         out = []
@@ -70,7 +70,7 @@ def piercings(a: Surface, b: Surface) -> Piercings:
         return out
 
     found = [(np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int64), np.empty(0))]
-    for some in over(test, searches(a, b)):
+    for some in over(test, parts):
         found += some
     ends, face, t = (np.concatenate(column) for column in zip(*found, strict=True))
     n = len(a.vertices)
@@ -87,7 +87,7 @@ def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
     Only what lies where the bounding boxes overlap is looked at. With ``b is a`` each pair is given
     once, lower index first.
     """
-    planes_a, planes_b = Planes.of(a, b)
+    (planes_a, planes_b), parts = at_once(lambda _: Planes.of(a, b), lambda _: searches(a, b))
 
     def test(search: Search) -> Index:
         out = [np.empty((0, 2), dtype=np.int64)]
@@ -95,7 +95,7 @@ def crossings(a: Surface, b: Surface, progress: Progress = silent) -> Int:
         return np.concatenate(out)
 
     found = [np.empty((0, 2), dtype=np.int64)]
-    for some in over(test, searches(a, b)):
+    for some in over(test, parts):
         progress(0.5, "crossing faces")
         found.append(some)
     pairs = np.concatenate(found)
@@ -154,8 +154,7 @@ class Planes:
             if out and s is surfaces[0]:
                 out.append(out[0])
                 continue
-            corners = s.corners
-            longest = triples.longest_squared(corners)
+            corners, longest = s.corners, s.told(triples.longest_side)
             area = 2.0 * s.face_areas
             # a face without area has no plane: nothing is ever off it
             tolerance = np.full(len(area), np.inf)

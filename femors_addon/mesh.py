@@ -249,17 +249,16 @@ class Surface:
     @cached_property
     def corner_order(self) -> tuple[Int, Int]:
         """((3 m,) faces in the order of their vertices, (n + 1,) where each vertex's faces begin)."""
-        corner = self.faces.ravel()
-        order = (np.argsort(corner, kind="stable") // 3).astype(np.int32)
-        count = np.bincount(corner, minlength=len(self.vertices))
-        return order, np.concatenate(([0], np.cumsum(count)))
+        around = self.vertex_faces
+        return around.indices, around.indptr.astype(np.int64)
 
     @cached_property
     def vertex_faces(self) -> sparse.csr_matrix:
-        """(n, m) 0/1 matrix: the faces at each vertex."""
-        faces, first = self.corner_order
-        shape = len(self.vertices), len(self.faces)
-        return sparse.csr_matrix((np.ones(len(faces)), faces, first.astype(np.int32)), shape=shape)
+        """(n, m) 0/1 matrix: the faces at each vertex, ascending."""
+        corners, shape = self.faces.ravel(), (len(self.vertices), len(self.faces))
+        first = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
+        # SciPy sorts by counting here: a tenth of the time of a sort
+        return sparse.csc_matrix((np.ones(len(corners)), corners, first), shape=shape).tocsr()
 
 
 def edge_matrix(edges: Int, n: int) -> sparse.csr_matrix:

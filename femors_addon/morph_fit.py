@@ -60,12 +60,14 @@ def misfit_around(
         inner = ~morphed.border[corners].any(axis=1)
         corners, away, points = corners[inner], away[inner], points[inner]
     out = np.full(len(morphed.vertices), -1.0)
-    np.maximum.at(out, corners, away[:, None])
+    for corner in corners.T:
+        np.maximum.at(out, corner, away)
     lone = out < 0  # a target coarser than the source
     if lone.any() and len(points):
         out[lone] = away[cKDTree(points).query(morphed.vertices[lone])[1]]
-    around = out.copy()
-    np.maximum.at(around, morphed.faces, out[morphed.faces].max(axis=1)[:, None])
+    around, most = out.copy(), triples.greatest(out.take(morphed.faces))
+    for corner in morphed.faces.T:
+        np.maximum.at(around, corner, most)
     around = np.maximum(around, to_target)
     return np.where(around > ROUNDED * target.diagonal, around, 0.0)
 

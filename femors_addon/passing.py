@@ -11,12 +11,14 @@ import copy
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 from operator import attrgetter
 
 import numpy as np
 
 from . import triples
 from .bodies import Solid
+from .crew import over
 from .distances import Target, distances
 from .mesh import Float
 from .progress import Progress
@@ -69,10 +71,10 @@ def passed(solids: Sequence[Solid], pairs: Iterable[tuple[int, int]], progress: 
         if not 0.0 < FAR * thin < far:
             continue
         steps = min(MOST, math.ceil(far / (STEP * thin)))
-        states = []
-        for number in range(1, steps):
-            progress(number / steps, f"the way of {one.name} and {two.name}")
-            states.append(_deepest(one, two, number / steps))
+        states: list[Passing] = []
+        for state in over(partial(_deepest, one, two), (number / steps for number in range(1, steps))):
+            progress((len(states) + 1) / steps, f"the way of {one.name} and {two.name}")
+            states.append(state)
         deepest = max(states, key=attrgetter("depth"))
         if deepest.depth > DEEP * thin:
             found.append(deepest)

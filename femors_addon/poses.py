@@ -58,7 +58,12 @@ def principal_frame(nodes: Float) -> Frame:
     centre = nodes.mean(axis=0)
     _, _, axes = np.linalg.svd(nodes - centre, full_matrices=False)
     axes = axes.T * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
-    return Frame(centre, axes, float(np.sqrt(((nodes - centre) ** 2).sum(axis=1).mean())))
+    return Frame(centre, axes, spread_of(nodes))
+
+
+def spread_of(nodes: Float) -> float:
+    """Return the root mean square distance of nodes (n, 3) from their centroid."""
+    return float(np.sqrt(((nodes - nodes.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def canonical_frame(nodes: Float) -> Float:

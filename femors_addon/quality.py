@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from . import triples
-from .crew import blockwise, together
+from .crew import at_once, blockwise
 from .intersect import Piercings, crossings, piercings, self_intersections
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
-from .progress import Progress, part, silent
+from .progress import Progress, part, repeating, silent
 
 __all__ = [
     "Comparison",
@@ -312,17 +312,17 @@ def compare(
     if self_intersecting is None:
         self_intersecting = len(np.unique(self_intersections(morphed, part(progress, 0.8, 0.9))))
     progress(0.9, "shapes of elements")
-    def figure(measure: Callable[[Surface], Float]) -> Callable[[], Stat]:
-        return lambda: Stat.of(measure(morphed))
 
-    flipped, nearest, dihedral, skew, aspect = together(
-        [
-            lambda: flipped_faces(source, morphed),
-            lambda: Stat.of(nearest_vertex_distance(points, everything)),
-            figure(dihedral_angles),
-            figure(skewness),
-            figure(aspect_ratio),
-        ]
+    def figure(measure: Callable[[Surface], Float]) -> Callable[[Progress], Stat]:
+        return lambda _: Stat.of(measure(morphed))
+
+    flipped, nearest, dihedral, skew, aspect = at_once(
+        lambda _: len(flipped_faces(source, morphed)),
+        lambda _: Stat.of(nearest_vertex_distance(points, everything)),
+        figure(dihedral_angles),
+        figure(skewness),
+        figure(aspect_ratio),
+        progress=repeating(progress, 0.9, "shapes of elements"),
     )
     return Comparison(
         surface_to_target=Stat.of(there),
@@ -332,7 +332,7 @@ def compare(
         skewness=skew,
         dihedral=dihedral,
         movement=Stat.of(triples.length(morphed.vertices - source.vertices)),
-        flipped=len(flipped),
+        flipped=flipped,
         self_intersecting=self_intersecting,
         sample=sample,
     )

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from .mesh import Surface
-from .poses import principal_frame
+from .poses import spread_of
 from .progress import FemorsError
 
 METRIC = (10.0, 100.0, 1000.0, 1e6, 1e9)
@@ -21,7 +21,7 @@ BEYOND = 20.0  # ratio of two whole things' sizes that no anatomy has
 
 def size_ratio(source: Surface, target: Surface) -> float:
     """Return how many times as large as the source the target is, by the spread of their vertices."""
-    return principal_frame(target.vertices).radius / principal_frame(source.vertices).radius
+    return spread_of(target.vertices) / spread_of(source.vertices)
 
 
 def nearest_of(ratio: float, factors: Sequence[float], near: float = math.inf) -> float | None:
