@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ from .morph_settings import PRESETS, MorphSettings
 from .morph_work import Work
 from .outgrowths import reached
 from .progress import FemorsError, Preview, Progress, part, repeating, silent
-from .relax import averaging, guarded, settle, slide
+from .relax import Shapes, averaging, guarded, settle, slide
 from .schedule import CARRY, Stage, stages
 from .steer import Steering
 from .strays import without_strays
@@ -118,10 +118,13 @@ def morph(
     watch.dense(np.zeros_like(work.aligned.vertices))
     # how far the two are apart now is only told at the end
     measuring = part(progress, 0.88, 0.9)
-    with aside(
-        lambda word: compared_before(ours.surface, work.reference, work.index, word), measuring
-    ) as before:
-        movement = _moved(work, weight, settings, progress, watch)
+    with (
+        aside(
+            lambda word: compared_before(ours.surface, work.reference, work.index, word), measuring
+        ) as before,
+        aside(lambda word: Shapes.of(work.rest, work.reference, work.index.surface, word)) as shapes,
+    ):
+        movement = _moved(work, weight, settings, progress, watch, shapes)
         compared = before()
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
     if work.pairs is not None:
@@ -176,7 +179,12 @@ class _Movement(NamedTuple):
 
 
 def _moved(
-    work: Work, weight: Float | None, settings: MorphSettings, progress: Progress, watch: Watch
+    work: Work,
+    weight: Float | None,
+    settings: MorphSettings,
+    progress: Progress,
+    watch: Watch,
+    known: Callable[[], Shapes],
 ) -> _Movement:
     """Deform, lay the nodes onto the target, mend; `weight` (n,) are the shares that nodes take of it."""
     # whatever may move at all is morphed as a whole, and takes its share of it in the end
@@ -184,17 +192,18 @@ def _moved(
     displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
     rest, reference, index = work.rest, work.reference, work.index
     settling, mending = part(progress, 0.7, 0.86), part(progress, 0.86, 0.88)
+    shapes = known()
     displacement, left, landed = settle(
-        rest, reference, displacement, index, free, settings, settling, watch.dense
+        shapes, reference, displacement, index, free, settings, settling, watch.dense
     )
     if settings.partial == "none" and settings.projection == 1.0:
-        displacement, left, landed = reached(reference, (displacement, left, landed), index, free, settings)
+        displacement, left, landed = reached(
+            reference, (displacement, left, landed), index, free, shapes.mean, settings
+        )
     displacement, bad = mended(rest, reference, displacement, index, free, settings, mending, left)
     watch.dense(displacement)
     if weight is not None:
-        displacement, left = unfolded(
-            reference, weight[:, None] * displacement, averaging(work.aligned), bad_faces, free
-        )
+        displacement, left = unfolded(reference, weight[:, None] * displacement, shapes.mean, bad_faces, free)
         bad = len(left)
     return _Movement(displacement, landed, bad, history)
 

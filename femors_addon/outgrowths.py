@@ -20,7 +20,7 @@ from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import SurfaceIndex
 from .quality import nearest_vertex_distance
-from .relax import averaging, guarded, slide
+from .relax import guarded, slide
 
 MISSED = 1.0  # mean edges between a node of the target and the source that falls short of it
 OUTWARD = 0.5  # cosine between the source's normal and the way there
@@ -34,15 +34,15 @@ def reached(
     settled: tuple[Float, Int, Float],
     target: SurfaceIndex,
     free: Float | None,
+    mean: sparse.csr_matrix,
     settings: MorphSettings,
 ) -> tuple[Float, Int, Float]:
     """Draw a source that `relax.settle` has laid on the target out to the ends that it misses.
 
     `settled` is what `settle` returned, and so is what is returned: the displacement (n, 3), faces that
-    are folded or cross, where each node was laid last.
+    are folded or cross, where each node was laid last. `mean` (n, n) are means over neighbours.
     """
     displacement, _, landed = settled
-    mean = averaging(reference.surface)
     after = drawn_out(reference.surface, displacement, target, free, mean, settings.sliding)
     if np.array_equal(after, displacement):
         return settled

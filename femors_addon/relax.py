@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 
 import numpy as np
@@ -18,7 +19,7 @@ from .grnn import DisplacementField
 from .mesh import Float, Int, Surface
 from .morph_settings import MorphSettings
 from .nearest import Closest, SurfaceIndex
-from .progress import Preview, Progress, repeating, unseen
+from .progress import Preview, Progress, repeating, silent, unseen
 
 SLIDE = 0.45  # of the bending flow per round; below one half it is stable
 SHAPE_ROUNDS = 10  # moves of shape matching between two projections
@@ -178,8 +179,37 @@ def _normalised(vectors: Float) -> Float:
     return length
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shapes:
+    """What `settle` keeps to, known before anything has moved.
+
+    Attributes
+    ----------
+    matching : ShapeMatching
+        The shapes of the source's elements.
+    lines : FeatureLines
+        Its feature lines and the target's.
+    mean : (n, n) sparse
+        Means over neighbours in the aligned source, see `averaging`.
+    """
+
+    matching: ShapeMatching
+    lines: FeatureLines
+    mean: sparse.csr_matrix
+
+    @classmethod
+    def of(cls, rest: Surface, reference: Reference, target: Surface, progress: Progress = silent) -> Shapes:
+        """Take the source as it was, the same where displacements start from, and the target."""
+        matching = ShapeMatching(rest)
+        progress(0.3, "shapes of elements")
+        lines = FeatureLines.between(rest, target)
+        progress(0.6, "shapes of elements")
+        reference.surface.facing, reference.slimness  # noqa: B018  worked out once, and kept
+        return cls(matching, lines, averaging(reference.surface))
+
+
 def settle(
-    rest: Surface,
+    shapes: Shapes,
     reference: Reference,
     displacement: Float,
     target: SurfaceIndex,
@@ -192,8 +222,8 @@ def settle(
 
     Parameters
     ----------
-    rest : Surface
-        The source as it was, for the shapes of its elements.
+    shapes : Shapes
+        Of the same reference and target.
     reference : Reference
         The source as the displacement starts from.
     displacement : (n, 3) float64
@@ -211,10 +241,8 @@ def settle(
     landed : (n, 3) float64
         Where on the target each node was laid last; NaN for those that were not.
     """
-    matching, lines = ShapeMatching(rest), FeatureLines.between(rest, target.surface)
     share = 1.0 if free is None else free[:, None]
-    aligned = reference.surface
-    mean = averaging(aligned)
+    aligned, mean = reference.surface, shapes.mean
     displacement = unfolded(reference, displacement, mean, folded, free)[0]
     rounds = settings.relaxation + (settings.projection > 0)
     landed, found = np.full_like(displacement, np.nan), None
@@ -223,13 +251,13 @@ def settle(
         begun = positions = aligned.vertices + displacement
         for _ in range(SHAPE_ROUNDS if number < settings.relaxation else 0):
             under_way(0.0, "")
-            positions = positions + share * SHAPE_STEP * matching.move(positions)
+            positions = positions + share * SHAPE_STEP * shapes.matching.move(positions)
         if settings.projection > 0:
             moved = aligned.moved(positions)
             # the rounds between follow the tangent planes of the first; the last is exact again
             if fresh := found is None or number == rounds - 1:
                 found = target.closest(positions, under_way)
-            step, landed = _to_target(moved, target.surface, found, fresh, lines, settings)
+            step, landed = _to_target(moved, target.surface, found, fresh, shapes.lines, settings)
             positions = positions + share * settings.projection * step
         displacement = displacement + guarded(aligned, displacement, positions - begun, mean)
         watch(displacement)

@@ -294,8 +294,9 @@ def test_settling_lays_nodes_on_the_target_with_their_shapes():
     rng = np.random.default_rng(0)
     rough = 0.08 * ball.vertices + 0.2 * ball.mean_edge * rng.normal(size=ball.vertices.shape)
     told: list[float] = []
+    known = relax.Shapes.of(ball, Reference(ball), target.surface)
     out, left, landed = relax.settle(
-        ball,
+        known,
         Reference(ball),
         rough,
         target,
@@ -313,7 +314,7 @@ def test_settling_lays_nodes_on_the_target_with_their_shapes():
     weight = np.where(ball.vertices[:, 2] > 0, 0.0, 1.0)
     even = 0.08 * ball.vertices
     held, _, _ = relax.settle(
-        ball, Reference(ball), even, target, weight, MorphSettings(), lambda fraction, text: None
+        known, Reference(ball), even, target, weight, MorphSettings(), lambda fraction, text: None
     )
     assert np.array_equal(held[weight == 0], even[weight == 0])
     assert target.closest((ball.vertices + held)[weight == 1]).distance.max() < 1e-9
@@ -325,8 +326,9 @@ def test_only_nodes_that_were_laid_on_the_target_are_said_to_lie_there():
     target = SurfaceIndex(half)
     even = 0.02 * ball.vertices
     settings = MorphSettings(partial="target")
+    ready = relax.Shapes.of(ball, Reference(ball), half)
     out, _, landed = relax.settle(
-        ball, Reference(ball), even, target, None, settings, lambda fraction, text: None
+        ready, Reference(ball), even, target, None, settings, lambda fraction, text: None
     )
     known = np.isfinite(landed).all(axis=1)
     low = ball.vertices[:, 2] < -3.0
