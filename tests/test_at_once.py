@@ -10,7 +10,7 @@ import pytest
 
 from femors_addon import limits
 from femors_addon import morph as morph_module
-from femors_addon.crew import aside, at_once, crew, over, together
+from femors_addon.crew import _aside, _Crew, _Task, aside, at_once, crew, over, together
 from femors_addon.morph import morph
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import pair
@@ -277,6 +277,35 @@ def test_what_is_offered_comes_before_what_is_aside():
     with crew():
         together([first, second])
     assert done.index("aside") >= 5
+
+
+def test_who_is_at_a_job_aside_takes_what_is_offered_whenever_it_reports():
+    limits.allow(2, 0)
+    begun, done, both = threading.Event(), threading.Event(), threading.Barrier(2)
+
+    def job(progress):
+        begun.set()
+        while not done.is_set():
+            progress(0.5, "")
+        return list(over(who, range(4)))
+
+    with crew(), aside(job) as wait:
+        assert begun.wait(10)
+        together([lambda: both.wait(10)] * 2)  # two at once, or this raises
+        done.set()
+        assert len(wait()) == 4
+
+
+def test_parts_of_a_job_aside_are_for_those_who_have_nothing_else():
+    mine, first, second, third = _Crew(), *(_Task(lambda: None) for _ in range(3))
+    mine.offer([first])
+    with _aside(True):
+        mine.offer([second])
+        with _aside(False):  # at a piece of others
+            mine.offer([third])
+    with mine.changed:
+        assert (mine.take(), mine.take(), mine.take()) == (third, first, None)
+        assert mine.take(later=True) is second
 
 
 def test_a_job_aside_is_stopped_where_the_rest_fails_and_its_own_failure_is_told():
