@@ -179,16 +179,24 @@ def watched() -> Steps:
     pulse = Pulse()
     yield from start()
     running = job()
-    moving = running.views[0]
-    yield from wait("half of it", lambda: running.fraction > 0.5 or not running.alive)
+    moving, moves = running.views[0], []  # moments at which the mesh moves: not in the alignment, nor later
+
+    def past(fraction: float) -> bool:
+        if moving.pictures:
+            moves.append(time.monotonic())
+        return running.fraction > fraction or not running.alive
+
+    yield from wait("half of it", lambda: past(0.5))
     yield from shot("55_preview")
+    yield from wait("the nodes on the target", lambda: past(0.86))
     yield from wait("the end of the computation", lambda: not running.alive)
     yield from wait("the result", quiet)
     seen["window_at_70k"] = pulse.figures()
-    seen["preview"] = {"pictures": moving.pictures, "pause_s": round(moving.pause, 2)}
+    span = moves[-1] - moves[0]
+    seen["preview"] = {"pictures": moving.pictures, "pause_s": round(moving.pause, 2), "of_s": round(span, 2)}
     # the preview waits as long as drawing takes, seconds where that is done in software: more than five
     # pictures, or half of those that there was time for
-    fits = (time.monotonic() - pulse.begun) / max(moving.pause, 0.1)
+    fits = span / max(moving.pause, 0.1)
     check(moving.pictures >= min(6, max(3, 0.5 * fits)), f"the preview was drawn {moving.pictures} times")
     check(scene_state()[2] == before[2], "the source moved")
     yield from shot("56_result")
