@@ -171,7 +171,7 @@ def aside(job: Callable[[Progress], R], progress: Progress = silent) -> Iterator
             return job(stop)
 
     task = _Task(run)
-    mine.offer([task], later=True)
+    mine.put_aside(task)
 
     def result() -> R:
         if mine.claim(task):
@@ -287,31 +287,36 @@ class _Crew:
     """What is offered, and the threads that take it."""
 
     def __init__(self) -> None:
-        self._offers, self._later = deque[_Task](), deque[_Task]()
+        self._offers, self._parts, self._jobs = deque[_Task](), deque[_Task](), deque[_Task]()
         self.changed = threading.Condition()
         self._open = True
 
-    def offer(self, tasks: Sequence[_Task], later: bool = False) -> None:
-        """Offer tasks to whoever is idle; the last is taken first, `later` after all others."""
-        later = later or getattr(_here, "aside", False)
+    def offer(self, tasks: Sequence[_Task]) -> None:
+        """Offer tasks to whoever is idle; the last is taken first, parts of a job aside after all others."""
         with self.changed:
-            (self._later if later else self._offers).extend(tasks)
+            (self._parts if getattr(_here, "aside", False) else self._offers).extend(tasks)
+            self.changed.notify_all()
+
+    def put_aside(self, task: _Task) -> None:
+        """Offer a job to a thread of the crew that finds nothing else."""
+        with self.changed:
+            self._jobs.append(task)
             self.changed.notify_all()
 
     def claim(self, task: _Task) -> bool:
         """Take a task back; whether nobody else has it."""
         with self.changed:
-            for offers in (self._offers, self._later):
+            for offers in (self._offers, self._parts, self._jobs):
                 if task in offers:
                     offers.remove(task)
                     return True
             return False
 
     def take(self, later: bool = False) -> _Task | None:
-        """Take what was offered last, if anything, or what was put aside if `later`; with `changed` held."""
+        """Take what was offered last, if anything; parts of a job aside if `later`; with `changed` held."""
         if self._offers:
             return self._offers.pop()
-        return self._later.pop() if later and self._later else None
+        return self._parts.pop() if later and self._parts else None
 
     def help(self) -> None:
         """Do what others offer, as long as they do."""
@@ -350,10 +355,11 @@ class _Crew:
         _here.crew = self
         while True:
             with self.changed:
-                while (task := self.take(later=True)) is None and self._open:
+                while self._open and not (self._offers or self._parts or self._jobs):
                     self.changed.wait()
-                if task is None or not self._open:
+                if not self._open:
                     return
+                task = self.take(later=True) or self._jobs.pop()
             self.do(task)
 
     def close(self) -> None:

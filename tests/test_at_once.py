@@ -308,6 +308,23 @@ def test_parts_of_a_job_aside_are_for_those_who_have_nothing_else():
         assert mine.take(later=True) is second
 
 
+def test_who_waits_for_a_job_aside_begins_no_other():
+    limits.allow(2, 0)
+    begun, ran = threading.Event(), []
+
+    def first(_progress):
+        ran.append(threading.current_thread())
+
+    def second(_progress):
+        begun.set()
+        time.sleep(0.05)
+
+    with crew(), aside(first), aside(second) as wait:
+        assert begun.wait(10)  # the other thread has the second
+        wait()
+        assert threading.current_thread() not in ran  # it would report to nobody meanwhile
+
+
 def test_a_job_aside_is_stopped_where_the_rest_fails_and_its_own_failure_is_told():
     limits.allow(2, 0)
     looks = []
