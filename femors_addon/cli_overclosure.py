@@ -118,10 +118,11 @@ def _check(
         names = {"bodies": [body.name for body in bodies], "sources": args.sources}
         pairs = [finding.as_dict() for finding in found]
         report = {"femors": version, "files": names, "clear": all(f.clear for f in found), "pairs": pairs}
+        report["excluded"] = [{"one": one, "two": two} for one, two in exclude]
         report["warnings"] = notes
         deepest = max((finding.depth for finding in found), default=0.0)
         figures = functools.partial(overclosure_figures, bodies, None, deepest, exclude)
-        files.write_bytes(args.report, _encoded(args, report, figures))
+        files.write_bytes(args.report, _encoded(args, len(bodies), report, figures))
         console.written = True
     for finding in found:
         console.say(str(finding))
@@ -129,7 +130,8 @@ def _check(
     if bad:
         console.warn(counted(bad, "pair overlaps or is too near", "pairs overlap or are too near"))
     else:
-        console.say(f"no overclosure among {len(bodies)} bodies")
+        spared = f" ({counted(len(exclude), 'excluded pair')} not looked at)" if exclude else ""
+        console.say(f"no overclosure among {len(bodies)} bodies{spared}")
     for note in () if args.quiet else notes:  # last: one may say what the line above is worth
         console.warn(f"note: {note}")
     return IMPERFECT if bad else DONE
@@ -189,13 +191,13 @@ def _report(
     deepest = max((finding.depth for finding in result.before), default=0.0)
     after = None if result.untouched else {body.name: body.nodes for body in result.bodies}
     figures = functools.partial(overclosure_figures, bodies, after, deepest, exclude)
-    return _encoded(args, {"femors": version, "files": names, **result.report()}, figures)
+    return _encoded(args, len(bodies), {"femors": version, "files": names, **result.report()}, figures)
 
 
 def _encoded(
-    args: argparse.Namespace, report: Mapping[str, Any], figures: Callable[[], list[Section]]
+    args: argparse.Namespace, count: int, report: Mapping[str, Any], figures: Callable[[], list[Section]]
 ) -> bytes:
-    return report_bytes(args.report, report, f"Overclosure of {len(args.sources)} bodies", figures)
+    return report_bytes(args.report, report, f"Overclosure of {count} bodies", figures)
 
 
 # --- what is asked for --------------------------------------------------------------------------------

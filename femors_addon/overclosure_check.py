@@ -61,7 +61,7 @@ def asked_gaps(
         low, high = sorted(names[name] for name in pair)
         return low, high
 
-    out = dict.fromkeys(itertools.combinations(range(len(solids)), 2), gap)
+    out = every_pair(solids, gap)
     for pair in exclude:
         out.pop(numbers(pair), None)
     for pair, own in gaps.items():
@@ -72,6 +72,11 @@ def asked_gaps(
         if numbers(pair) in out:
             out[numbers(pair)] = float(own)
     return out
+
+
+def every_pair(solids: Sequence[Solid], gap: float) -> dict[tuple[int, int], float]:
+    """Return a gap for every pair of bodies, by their numbers."""
+    return dict.fromkeys(itertools.combinations(range(len(solids)), 2), gap)
 
 
 def find(

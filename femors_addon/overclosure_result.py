@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 ALIKE = 0.9  # of both bodies' volumes: bodies that share more look like one
 WIDE = 0.1  # of the smaller body's size: a gap above it looks like one in another unit
 UNLIKE = 200.0  # times the size of another body: more looks like another unit of length
+DEEPER = 1.01  # times as deep as before: an excluded pair that is, is told
 MUCH = 0.5  # of its volume: a body that is changed by more is another shape
 METHODS = {"grnn": "smooth field", "nodal": "nodal method", "published": "loop as published"}
 
@@ -39,6 +40,16 @@ class Step:
     missing: float
     pierced: int
     spread: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Excluded:
+    """A pair that may overlap, and how deep it does (0 where it does not), before and after."""
+
+    one: str
+    two: str
+    depth_before: float
+    depth_after: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,6 +73,8 @@ class OverclosureResult:
         What was mended for the maths, and what else the user should know.
     losses : tuple of str
         Which bodies have lost much of their volume, certified or not.
+    excluded : tuple of Excluded
+        Pairs that may overlap, of which the certificate says nothing.
     seconds : float
         CPU time, figures included.
     solve_seconds : float
@@ -78,6 +91,7 @@ class OverclosureResult:
     spread: float
     notes: tuple[str, ...]
     losses: tuple[str, ...] = ()
+    excluded: tuple[Excluded, ...] = ()
     seconds: float = 0.0
     solve_seconds: float = 0.0
 
@@ -100,6 +114,11 @@ class OverclosureResult:
             gap += f", of two edges {min(nearer):.3g}"
         further = "further " if any(len(body.inverted_input) for body in self.bodies) else ""
         words = f"CERTIFIED: nothing crosses, nothing is contained, no {further}element was inverted; {gap}"
+        if self.excluded:
+            deepest = max(pair.depth_after for pair in self.excluded)
+            verb = "does" if len(self.excluded) == 1 else "do"
+            words += f"; {counted(len(self.excluded), 'excluded pair')} may overlap, "
+            words += f"and {verb} by {deepest:.3g} at most" if deepest > 0 else f"and {verb} not"
         return words if not self.untouched else f"{words}; nothing had to be moved"
 
     def report(self) -> dict[str, Any]:
@@ -112,6 +131,7 @@ class OverclosureResult:
                 "before": [finding.as_dict() for finding in self.before],
                 "after": [finding.as_dict() for finding in self.after],
             },
+            "excluded": [dataclasses.asdict(pair) for pair in self.excluded],
             "bodies": [body.report() for body in self.bodies],
             "settings": dataclasses.asdict(self.settings),
             "history": [dataclasses.asdict(step) for step in self.history],
@@ -149,6 +169,7 @@ def result_of(
     through: Mapping[tuple[str, str], str],
     untold: Mapping[tuple[str, str], str],
     passed: Sequence[Passing],
+    excluded: Sequence[Excluded],
     progress: Progress,
 ) -> OverclosureResult:
     """Put the result together; `stop` says why the loop ended early, or is ""; the rest as in `Removal`."""
@@ -188,9 +209,21 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes, *_folds(bodies), *_changes(bodies, solids)),
+        notes=(*notes, *_folds(bodies), *_changes(bodies, solids), *_deeper(excluded)),
         losses=tuple(losses_of(bodies, solids)),
+        excluded=tuple(excluded),
     )
+
+
+def _deeper(excluded: Sequence[Excluded]) -> Iterator[str]:
+    """Say which excluded pairs have been pushed into each other."""
+    for pair in excluded:
+        if pair.depth_after > DEEPER * pair.depth_before:
+            before = f"{pair.depth_before:.3g}" if pair.depth_before else "not at all"
+            yield (
+                f"{pair.one} and {pair.two}, an excluded pair, overlap by {pair.depth_after:.3g}, {before} "
+                "before: others pushed them together"
+            )
 
 
 def _reason(

@@ -58,7 +58,7 @@ class OverclosureSettings:
     iterations: int = setting(
         120,
         "Iterations",
-        "Steps after which the removal gives up",
+        "Steps after which the removal gives up; the loop as published takes up to 500, whatever stands here",
         minimum=1,
         maximum=2000,
         advanced=True,

@@ -17,9 +17,9 @@ from .contact import Pair
 from .crew import together
 from .effort import Effort
 from .findings import OVERLAP
-from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, find
+from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, every_pair, find
 from .overclosure_methods import nodal, published
-from .overclosure_result import OverclosureResult, Step, result_of
+from .overclosure_result import Excluded, OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .passing import Passing, passed
 from .progress import FemorsError, Progress, part, rising
@@ -60,6 +60,8 @@ class Removal:
         Pairs that are left alone, for it cannot be told what is inside: which of the two is open.
     passed : list of Passing
         Pairs that are clear, but went through each other: the deepest state on their way.
+    excluded : list of Excluded
+        Pairs that may overlap, and how deep they do.
     """
 
     def __init__(
@@ -73,6 +75,9 @@ class Removal:
         self._settings, self._preview = settings, preview
         self.solids = solids_of(bodies, settings)
         self._asked = asked_gaps(self.solids, settings.gap, exclude, gaps)
+        every = every_pair(self.solids, 0.0)
+        self._spared = {pair: gap for pair, gap in every.items() if pair not in self._asked}
+        self.excluded: list[Excluded] = []
         self.before: list[Finding] = []
         self.after: list[Finding] = []
         self.efforts: list[Effort] = []
@@ -101,6 +106,8 @@ class Removal:
         self._check_gaps()
         self.untold = self._untold()
         self.efforts = self._begun(self._in_sight(), bounds)
+        deep = self._depths()
+        self.excluded = [Excluded(*pair, depth, depth) for pair, depth in deep.items()]
         if not overlap:
             return
         self.through = self._run_through()
@@ -108,6 +115,7 @@ class Removal:
         if self._settings.method == "grnn" and self._left(self.after):
             self._again(part(progress, 0.95, 0.97))
         self.passed = self._passed(part(progress, 0.97, 1.0))
+        self.excluded = [Excluded(*pair, deep[pair], depth) for pair, depth in self._depths().items()]
 
     def result(self, progress: Progress) -> OverclosureResult:
         """Measure the bodies and put the result together."""
@@ -122,8 +130,15 @@ class Removal:
             self.through,
             self.untold,
             self.passed,
+            self.excluded,
             progress,
         )
+
+    def _depths(self) -> dict[tuple[str, str], float]:
+        """How deep each of the excluded pairs is, 0 where it does not overlap."""
+        out = {(self.solids[i].name, self.solids[j].name): 0.0 for i, j in self._spared}
+        found = find(self.solids, self._spared, 0.0, volumes=False)
+        return out | {finding.names: max(finding.depth, finding.edge_depth) for finding in found}
 
     def _check_gaps(self) -> None:
         """Refuse a gap in another unit: bodies that are thinned by it would be certified."""

@@ -44,6 +44,8 @@ WORDS = {
     "scaled_jacobian": "Scaled Jacobian",
     "xor_uncertainty": "XOR volume, uncertainty",
     "dice": "Dice coefficient",
+    "inverted_on_input": "Elements inverted before (ids)",
+    "newly_inverted": "Elements newly inverted (ids)",
     "mesh_name": "Mesh",
     "other_name": "Compared with",
 }
@@ -86,12 +88,26 @@ def sections(report: Mapping[str, Any]) -> list[Section]:
             value, (Mapping, list, tuple)
         ):
             continue
-        items = (_records(value, most=len(value)),) if key in WHOLE and value else tuple(_items(value))
+        if key in WHOLE and value:
+            records = by_landmark(value) if isinstance(value, Mapping) else value
+            items: tuple[Item, ...] = (_records(records, most=len(records)),)
+        else:
+            items = tuple(_items(value))
         if items:
             out.append(Section(words(key), items))
     if isinstance(report.get("settings"), Mapping):
         out.append(Section("Settings", tuple(_records_or_pairs(report["settings"]))))
     return [section for section in out if section.items]
+
+
+def by_landmark(steering: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return a record for each of the landmarks that led a morph, from `Steering.as_dict`."""
+    left_out = set(steering["left_out"])
+    rows = zip(steering["names"], steering["aligned"], steering["residual"], strict=True)
+    return [
+        {"name": name, "aligned": before, "residual": after, "left_out": name in left_out}
+        for name, before, after in rows
+    ]
 
 
 def compared(before: Mapping[str, Any], after: Mapping[str, Any]) -> Table:

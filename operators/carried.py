@@ -105,6 +105,8 @@ def copy_of(
         elif item.type == "EMPTY":
             context.view_layer.update()
             placed = copy.matrix_world.copy()
+            if copy.parent is not None and copy.parent.type == "MESH":
+                copy.parent = None  # as a child it would move with the source, and be a landmark of it
             placed.translation = Vector(world[0])
             copy.matrix_world = placed
         else:

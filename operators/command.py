@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import Any, ClassVar
 
@@ -27,7 +28,13 @@ def run(argv: list[str]) -> int:
         return 2
     from ..femors_addon import cli
 
-    return cli.main(argv)
+    # Blender takes Ctrl-C for itself, and would go on
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return cli.main(argv)
+    finally:
+        if before is not None:  # Blender's own, which Python does not know and cannot put back
+            signal.signal(signal.SIGINT, before)
 
 
 def register() -> None:

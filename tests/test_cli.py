@@ -353,3 +353,19 @@ def test_landmarks_reach_the_morph(pair, tmp_path, capsys, monkeypatch):
     assert "go together" in refused(capsys, *start)
     same = ["--target-landmarks", tmp_path / "b.csv", "--field", tmp_path / "b.csv"]
     assert "also an input" in refused(capsys, *start, *same)
+
+
+def test_a_report_has_the_landmarks_that_led_the_morph(pair, tmp_path, capsys):
+    """One row for each, as a page and as JSON."""
+    points = SOURCE.surface().vertices
+    points = points[np.linspace(0, len(points) - 1, 5).astype(int)]
+    for name in ("a.csv", "b.csv"):
+        rows = [f"P{number},{','.join(map(repr, place))}" for number, place in enumerate(points.tolist())]
+        (tmp_path / name).write_text("\n".join(rows) + "\n")
+    options = ["--source-landmarks", tmp_path / "a.csv", "--target-landmarks", tmp_path / "b.csv", "--steer"]
+    page = tmp_path / "r.html"
+    code, _, said = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl", *options, "--report", page)
+    assert code in (0, 1) and "Traceback" not in said
+    text = page.read_text(encoding="utf-8")
+    for number in range(5):
+        assert f"<td>P{number}</td>" in text or f"<th>P{number}</th>" in text

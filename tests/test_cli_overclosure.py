@@ -146,6 +146,11 @@ def test_shares_and_exclusions(folder, capsys):
     assert one["movement"]["maximum"] < 0.4 * two["movement"]["maximum"]
     assert run(*files, "--exclude", "two,one", "-o", folder / "b") == 0
     assert (folder / "b" / "two.stl").read_bytes() == (folder / "two.stl").read_bytes()
+    assert "1 excluded pair may overlap" in capsys.readouterr().out
+    page = folder / "r.html"
+    assert run("--check", *files, "--exclude", "two,one", "--report", page) == 0
+    assert "no overclosure among 2 bodies (1 excluded pair not looked at)" in capsys.readouterr().out
+    assert "Overclosure of 2 bodies" in page.read_text() and "Excluded" in page.read_text()
     assert run(*files, "--pair-gap", "one,two=0.5", "-o", folder / "c", "--report", report) == 0
     assert json.loads(report.read_text())["pairs"]["after"][0]["least"] >= 0.5 - 1e-5
     capsys.readouterr()

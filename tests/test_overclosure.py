@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -233,6 +234,12 @@ def test_pairs_are_excluded_or_have_gaps_of_their_own():
     free = remove_overclosure(pair(), exclude=[("two", "one")])
     assert free.certified
     assert free.untouched
+    found = check_overclosure(pair())[0]
+    (spared,) = free.excluded
+    assert {spared.one, spared.two} == {"one", "two"}
+    assert spared.depth_before == spared.depth_after == found.depth > 0
+    assert f"1 excluded pair may overlap, and does by {found.depth:.3g} at most" in free.certificate
+    assert not remove_overclosure(pair()).excluded
     wide = remove_overclosure(pair(), gaps={("two", "one"): 0.7})
     assert_apart(wide, 0.7)
     for wrong in ([("one", "other")], [("one", "one")]):
@@ -240,6 +247,22 @@ def test_pairs_are_excluded_or_have_gaps_of_their_own():
             remove_overclosure(pair(), exclude=wrong)
     with pytest.raises(FemorsError, match="must be from 0"):
         remove_overclosure(pair(), gaps={("one", "two"): -1.0})
+
+
+def test_an_excluded_pair_that_others_push_together_is_told():
+    """A small ball is tied to a large one; another, rigid, presses on it from above."""
+    bodies = [
+        Body("bone", sphere(3, 10.0), 0.0),
+        Body("tied", sphere(3, 1.0, (0.0, 0.0, 10.9)), 1.0),
+        Body("above", sphere(3, 10.0, (0.0, 0.0, 21.3)), 0.0),
+    ]
+    result = remove_overclosure(bodies, exclude=[("bone", "tied")])
+    (spared,) = result.excluded
+    assert result.certified and spared.depth_after > 1.05 * spared.depth_before > 0.0
+    assert any("bone and tied, an excluded pair, overlap by" in note for note in result.notes)
+    assert result.report()["excluded"] == [dataclasses.asdict(spared)]
+    without = remove_overclosure([bodies[0], bodies[1]], exclude=[("bone", "tied")])
+    assert not any("excluded" in note for note in without.notes)  # nothing has moved
 
 
 # --- what is found ------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def test_bad_input_is_one_line(part, capfd, tmp_path):
     assert "did you mean morph?" in said and said.count("\n") == 0
 
 
-def test_it_runs_in_a_blender_of_its_own(files, tmp_path):
+def test_it_runs_in_a_blender_of_its_own(files, tmp_path, part):
     if not bpy.app.binary_path:
         pytest.skip("needs a blender binary")
     environment, options = dict(os.environ), []
@@ -76,3 +77,17 @@ def test_it_runs_in_a_blender_of_its_own(files, tmp_path):
     wrong = run(*options, "--command", "femors", "morph", "absent.stl", *files[1:])
     assert wrong.returncode == 2
     assert "absent.stl" in wrong.stderr and "Traceback" not in wrong.stderr
+    # Ctrl-C, which Blender would keep for itself
+    Path(files[-1]).unlink()
+    bones, meshfiles = part("femors_addon.shapes").pair(20000, 20000), part("femors_addon.meshfiles")
+    for path, bone in zip(files, (bones.source, bones.target), strict=False):
+        meshfiles.write(path, meshfiles.MeshFile.of(bone))
+    command = [bpy.app.binary_path, *options, "--command", "femors", "morph", *files]
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while "%" not in (line := process.stderr.readline()):
+            assert line, "it ended before it was interrupted"
+        process.send_signal(signal.SIGINT)
+        said = process.stderr.read()
+        assert process.wait(60) == 130, said
+    assert "femors: interrupted; nothing is written" in said and not Path(files[-1]).exists()
