@@ -136,6 +136,8 @@ class Removal:
 
     def _depths(self) -> dict[tuple[str, str], float]:
         """How deep each of the excluded pairs is, 0 where it does not overlap."""
+        if not self._spared:
+            return {}
         out = {(self.solids[i].name, self.solids[j].name): 0.0 for i, j in self._spared}
         found = find(self.solids, self._spared, 0.0, volumes=False)
         return out | {finding.names: max(finding.depth, finding.edge_depth) for finding in found}
