@@ -94,6 +94,10 @@ def test_two_files_of_equal_names_pair_by_their_meshes(pair, tools, core, tmp_pa
     report = json.loads(bpy.context.view_layer.objects.active.femors.report)
     assert report["landmarks"]["names"] == ["a", "b", "c", "d"]
     assert report["landmarks"]["pulled"] is True
+    page = tmp_path / "report.html"
+    assert bpy.ops.femors.report(filepath=str(page)) == {"FINISHED"}
+    text = page.read_text(encoding="utf-8")
+    assert all(f">{name}<" in text for name in "abcd")
 
 
 def test_the_table_goes_out_with_its_figures(pair, tmp_path):
