@@ -393,10 +393,10 @@ class _Order:
         try:
             while True:
                 with mine.changed:
-                    task = mine.take()
+                    task = mine.take(later=True)
                     while self._left and task is None:
                         mine.changed.wait()
-                        task = mine.take()
+                        task = mine.take(later=True)
                 if task is None:
                     break
                 mine.do(task)

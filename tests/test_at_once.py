@@ -10,7 +10,7 @@ import pytest
 
 from femors_addon import limits
 from femors_addon import morph as morph_module
-from femors_addon.crew import _aside, _Crew, _Task, aside, at_once, crew, over, together
+from femors_addon.crew import _aside, _Crew, _Task, aside, at_once, crew, ordered, over, together
 from femors_addon.morph import morph
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import pair
@@ -323,6 +323,20 @@ def test_who_waits_for_a_job_aside_begins_no_other():
         assert begun.wait(10)  # the other thread has the second
         wait()
         assert threading.current_thread() not in ran  # it would report to nobody meanwhile
+
+
+def test_jobs_in_order_within_a_job_aside_are_done_where_nobody_helps():
+    limits.allow(2, 0)
+    begun, ended = threading.Event(), []
+
+    def job(_progress):
+        begun.set()
+        ended.append(ordered([lambda: 1, lambda: 2, lambda: 3], [(), (), (0,)]))
+
+    with crew(), pytest.raises(ZeroDivisionError), aside(job):
+        assert begun.wait(10)
+        raise ZeroDivisionError  # this thread only waits for it to end
+    assert ended == [[1, 2, 3]]
 
 
 def test_a_job_aside_is_stopped_where_the_rest_fails_and_its_own_failure_is_told():
