@@ -133,7 +133,8 @@ def pairs_asked(
     args: argparse.Namespace, names: list[str]
 ) -> tuple[list[tuple[str, str]], dict[tuple[str, str], float]]:
     """Return the pairs that may overlap, and the gaps of single pairs, that the command line names."""
-    exclude = [pair for text in args.exclude for pair in _pairs(text, "--exclude", names)]
+    named = [pair for text in args.exclude for pair in _pairs(text, "--exclude", names)]
+    exclude = list({frozenset(pair): pair for pair in named}.values())  # in either order it is one
     gaps = {}
     for text in args.pair_gap:
         both, value = _split(text, "--pair-gap", "A,B=G")

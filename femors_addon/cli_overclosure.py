@@ -127,10 +127,11 @@ def _check(
     for finding in found:
         console.say(str(finding))
     bad = sum(not finding.clear for finding in found)
+    spared = f" ({counted(len(exclude), 'excluded pair')} not looked at)" if exclude else ""
     if bad:
-        console.warn(counted(bad, "pair overlaps or is too near", "pairs overlap or are too near"))
+        words = counted(bad, "pair overlaps or is too near", "pairs overlap or are too near")
+        console.warn(words + spared)
     else:
-        spared = f" ({counted(len(exclude), 'excluded pair')} not looked at)" if exclude else ""
         console.say(f"no overclosure among {len(bodies)} bodies{spared}")
     for note in () if args.quiet else notes:  # last: one may say what the line above is worth
         console.warn(f"note: {note}")

@@ -74,7 +74,7 @@ class OverclosureResult:
     losses : tuple of str
         Which bodies have lost much of their volume, certified or not.
     excluded : tuple of Excluded
-        Pairs that may overlap, of which the certificate says nothing.
+        Pairs that may overlap: the certificate does not cover them, and only tells how deep they are.
     seconds : float
         CPU time, figures included.
     solve_seconds : float

@@ -37,6 +37,7 @@ SIGHT = 4.0  # of what the largest gap lacks, and the band: farther pairs are le
 TRIES = 3  # certificates that fail with no new pair found, until the loop gives up
 SHAKEN = (1e-3, 1e-5)  # mean edges: how far nodes are moved at random where a pair is stuck
 UNTOLD = 0.1  # of the smaller body's size: a depth by the normals of an open body alone that is not believed
+ROUNDED = 1e-9  # of the largest body's size: a depth below it is rounding
 NEARLY = 0.01  # mean edges: what is left at most, for it is little that shaking helps with
 METHODS = {"grnn": loop, "nodal": nodal, "published": published}
 
@@ -104,7 +105,7 @@ class Removal:
         if overlap and all(solid.share == 0 for solid in self.solids):
             raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
         self._check_gaps()
-        self.untold = self._untold()
+        self.untold = self._untold(self.before)
         self.efforts = self._begun(self._in_sight(), bounds)
         deep = self._depths()
         self.excluded = [Excluded(*pair, depth, depth) for pair, depth in deep.items()]
@@ -135,12 +136,14 @@ class Removal:
         )
 
     def _depths(self) -> dict[tuple[str, str], float]:
-        """How deep each of the excluded pairs is, 0 where it does not overlap."""
+        """How deep each of the excluded pairs is; 0 where it does not overlap, or where nobody can tell."""
         if not self._spared:
             return {}
         out = {(self.solids[i].name, self.solids[j].name): 0.0 for i, j in self._spared}
         found = find(self.solids, self._spared, 0.0, volumes=False)
-        return out | {finding.names: max(finding.depth, finding.edge_depth) for finding in found}
+        untold, least = self._untold(found), ROUNDED * max(solid.surface.diagonal for solid in self.solids)
+        depths = {f.names: max(f.depth, f.edge_depth) for f in found if f.names not in untold}
+        return out | {names: depth for names, depth in depths.items() if depth > least}
 
     def _check_gaps(self) -> None:
         """Refuse a gap in another unit: bodies that are thinned by it would be certified."""
@@ -163,7 +166,7 @@ class Removal:
             if finding.crossings and runs_through(of[sheet], of[body])
         }
 
-    def _untold(self) -> dict[tuple[str, str], str]:
+    def _untold(self, findings: Iterable[Finding]) -> dict[tuple[str, str], str]:
         """Return pairs that overlap by the normals of an open body alone: nothing crosses, and it is deep.
 
         What faces a hole is neither inside nor outside, however deep the normals around the hole say.
@@ -171,7 +174,7 @@ class Removal:
         of = {solid.name: solid for solid in self.solids}
         return {
             finding.names: other
-            for finding in self.before
+            for finding in findings
             for own, other in (finding.names, finding.names[::-1])
             if finding.state == OVERLAP
             and not finding.crossings

@@ -181,6 +181,9 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
         notes.append(bodies_write.write_gaps(items, removed.gaps))
         form = context.scene.femors_overclosure
         fill_pairs(form, removed.result.after, self._ask)
+        depths = {frozenset((pair.one, pair.two)): pair.depth_after for pair in removed.result.excluded}
+        for row in form.pairs:
+            row.depth = depths.get(frozenset((row.one, row.two)), row.depth)
         report = removed.result.report()
         report["warnings"] += self._notes
         form.report = json.dumps({"kind": "removal", **report})

@@ -265,6 +265,19 @@ def test_an_excluded_pair_that_others_push_together_is_told():
     assert not any("excluded" in note for note in without.notes)  # nothing has moved
 
 
+def test_an_excluded_pair_that_only_touches_has_no_depth():
+    """Its nodes are inside the other by rounding, at most."""
+    bodies = [
+        Body("one", box(4, 1.0)),
+        Body("two", box(4, 1.0, (0.0, 0.0, 1.0 - 1e-13))),
+        Body("beside", box(4, 1.0, (0.9, 0.1, 0.1))),
+    ]
+    (found,) = check_overclosure(bodies[:2], OverclosureSettings(gap=0.0))
+    assert 0.0 < found.depth < 1e-12
+    (spared,) = remove_overclosure(bodies, exclude=[("one", "two"), ("two", "one")]).excluded
+    assert spared.depth_before == 0.0
+
+
 # --- what is found ------------------------------------------------------------------------------------
 def test_the_check_measures_depth_place_and_shared_volume():
     finding = check_overclosure(pair((17.0, 0.0, 0.0)))[0]

@@ -192,7 +192,7 @@ def watched() -> Steps:
     yield from wait("the end of the computation", lambda: not running.alive)
     yield from wait("the result", quiet)
     seen["window_at_70k"] = pulse.figures()
-    span = moves[-1] - moves[0]
+    span = moves[-1] - moves[0] if moves else 0.0
     seen["preview"] = {"pictures": moving.pictures, "pause_s": round(moving.pause, 2), "of_s": round(span, 2)}
     # the preview waits as long as drawing takes, seconds where that is done in software: more than five
     # pictures, or half of those that there was time for
