@@ -40,7 +40,7 @@ def searches(a: Surface, b: Surface, within: float = 0.0) -> Iterator[Search]:
 
 
 def _classes(a: Surface, b: Surface, within: float) -> tuple[list[Balls], list[Balls]]:
-    """Balls of both, by size; those of b are `within` larger. Of one surface the same list twice."""
+    """Balls of both, by size; those of b are `within` larger. Of one surface the same list twice, if any."""
     faces_a, faces_b = np.arange(len(a.faces)), np.arange(len(b.faces))
     if len(faces_a) and len(faces_b) and a is not b:
         low, high = np.maximum(a.bounds[0], b.bounds[0]), np.minimum(a.bounds[1], b.bounds[1])
@@ -56,6 +56,7 @@ def _classes(a: Surface, b: Surface, within: float) -> tuple[list[Balls], list[B
 
 
 def _searches(classes_a: list[Balls], classes_b: list[Balls]) -> Iterator[Search]:
+    """Yield the searches of each class against each; of one list twice each two once."""
     for i, one in enumerate(classes_a):
         for two in classes_b[i:] if classes_a is classes_b else classes_b:
             if one is two:

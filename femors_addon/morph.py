@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -118,13 +118,10 @@ def morph(
     watch.dense(np.zeros_like(work.aligned.vertices))
     # how far the two are apart now is only told at the end
     measuring = part(progress, 0.88, 0.9)
-    with (
-        aside(
-            lambda word: compared_before(ours.surface, work.reference, work.index, word), measuring
-        ) as before,
-        aside(lambda word: Shapes.of(work.rest, work.reference, work.index.surface, word)) as shapes,
-    ):
-        movement = _moved(work, weight, settings, progress, watch, shapes)
+    with aside(
+        lambda word: compared_before(ours.surface, work.reference, work.index, word), measuring
+    ) as before:
+        movement = _moved(work, weight, settings, progress, watch)
         compared = before()
     warnings = [*ours.notes, *theirs.notes, *work.alignment.warnings]
     if work.pairs is not None:
@@ -179,20 +176,19 @@ class _Movement(NamedTuple):
 
 
 def _moved(
-    work: Work,
-    weight: Float | None,
-    settings: MorphSettings,
-    progress: Progress,
-    watch: Watch,
-    known: Callable[[], Shapes],
+    work: Work, weight: Float | None, settings: MorphSettings, progress: Progress, watch: Watch
 ) -> _Movement:
     """Deform, lay the nodes onto the target, mend; `weight` (n,) are the shares that nodes take of it."""
     # whatever may move at all is morphed as a whole, and takes its share of it in the end
     free = None if weight is None else (weight > 0).astype(float)
-    displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
     rest, reference, index = work.rest, work.reference, work.index
     settling, mending = part(progress, 0.7, 0.86), part(progress, 0.86, 0.88)
-    shapes = known()
+    with aside(
+        lambda word: Shapes.of(rest, reference, index.surface, word),
+        repeating(progress, 0.7, "shapes of elements"),
+    ) as known:
+        displacement, history = _deform(work, free, settings, part(progress, 0.25, 0.7), watch)
+        shapes = known()
     displacement, left, landed = settle(
         shapes, reference, displacement, index, free, settings, settling, watch.dense
     )

@@ -167,7 +167,7 @@ def _border_length(surface: Surface) -> float:
         those[:, 0].astype(np.int64) * n + those[:, 1] for those in (surface.edges, surface.edge_faces[1])
     )
     lone = np.ones(len(key), dtype=bool)
-    lone[np.searchsorted(key, paired)] = False  # both ascend
+    lone[np.searchsorted(key, paired)] = False  # of the ascending, each is one
     ends = surface.edges[lone]
     return float(triples.length(surface.vertices[ends[:, 0]] - surface.vertices[ends[:, 1]]).sum())
 

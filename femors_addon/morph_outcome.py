@@ -222,7 +222,7 @@ def compared_before(
 
 
 def _after(outcome: Outcome, progress: Progress) -> Comparison:
-    """Compare the morphed source with the target, but for the way back."""
+    """Compare the morphed source with the target; `target_to_surface` is left empty, to be put in."""
     source = outcome.source.surface
     return compare(
         source,

@@ -104,21 +104,23 @@ class Work:
         read, aim = ours.surface, theirs.surface
         counts = _counts(read, aim, settings)
 
-        def upright(look: Progress) -> tuple[Cleaned, Int, list[Surface]]:
+        def of_source(look: Progress) -> tuple[Cleaned, Int, list[Surface]]:
+            """The source along the curve, its numbers, and its levels, all made upright."""
             own = canonical_frame(read.vertices)
             turned = read.moved(transformed(own, read.vertices))
             levels, back = _reduced(turned, counts[0], look), inverse(own)
             levels = [level.moved(transformed(back, level.vertices)) for level in levels]
             return *ordered(ours, turned.vertices), levels
 
-        def searched(_look: Progress) -> tuple[Cleaned, SurfaceIndex]:
+        def of_target(_look: Progress) -> tuple[Cleaned, SurfaceIndex]:
+            """The target along the curve, and its search structure."""
             target = ordered(theirs, aim.vertices)[0]
             return target, SurfaceIndex(target.surface)
 
         (ours, numbers, levels), targets, (theirs, index) = at_once(
-            upright,
+            of_source,
             lambda look: _reduced(aim, counts[1], look),
-            searched,
+            of_target,
             progress=repeating(progress, 0.0, "reduced meshes"),
         )
         source, target = ours.surface, theirs.surface

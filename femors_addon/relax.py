@@ -102,10 +102,8 @@ class ShapeMatching:
     def _by_node(self, count: int) -> list[sparse.csr_matrix]:
         """Matrices (k, 3 m), of some nodes each, that add up what stands by corner and face."""
         at = self._corners.ravel()
-        order = np.argsort(at, kind="stable").astype(np.int32)
-        first = np.concatenate(([0], np.cumsum(np.bincount(at, minlength=count)))).astype(np.int32)
-        every = sparse.csr_matrix((np.ones(len(at)), order, first), shape=(count, len(at)))
-        return cut(every)
+        first = np.arange(len(at) + 1, dtype=np.int32)
+        return _cut(sparse.csc_matrix((np.ones(len(at)), at, first), shape=(count, len(at))).tocsr())
 
     def _changes(self, positions: Float, block: slice, weight: Float, wanted: Float) -> None:
         """Write the weights (3, k) of a block's faces, and the change (3, 3, k), by axis and corner."""
@@ -152,7 +150,7 @@ class ShapeMatching:
         )
 
 
-def cut(matrix: sparse.csr_matrix) -> list[sparse.csr_matrix]:
+def _cut(matrix: sparse.csr_matrix) -> list[sparse.csr_matrix]:
     """Cut a matrix into blocks of rows, for their products to go to the threads there are."""
     return [matrix[start : start + BLOCK] for start in range(0, max(matrix.shape[0], 1), BLOCK)]
 
@@ -274,7 +272,7 @@ def guarded(reference: Surface, displacement: Float, step: Float, mean: sparse.c
     neighbourhood along as one; an edge that is blunt in the reference, by the angle of its two faces.
     What begins without folds stays without.
     """
-    smooth, rows = displacement, cut(mean)
+    smooth, rows = displacement, _cut(mean)
     for _ in range(SMOOTH):
         smooth = np.concatenate(together([partial(_times, some, smooth) for some in rows]))
     taken_along = reference.moved(reference.vertices + smooth)

@@ -106,7 +106,7 @@ def copy_of(
             context.view_layer.update()
             placed = copy.matrix_world.copy()
             if copy.parent is not None and copy.parent.type == "MESH":
-                copy.parent = None  # as a child it would move with the source, and be a landmark of it
+                copy.parent = None  # the children of a mesh are its landmarks, and move with it
             placed.translation = Vector(world[0])
             copy.matrix_world = placed
         else:

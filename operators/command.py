@@ -33,7 +33,7 @@ def run(argv: list[str]) -> int:
     try:
         return cli.main(argv)
     finally:
-        if before is not None:  # Blender's own, which Python does not know and cannot put back
+        if before is not None:  # one set in C, as Blender's, cannot be put back from Python
             signal.signal(signal.SIGINT, before)
 
 

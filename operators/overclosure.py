@@ -180,10 +180,7 @@ class FEMORS_OT_remove_overclosure(BodiesOperator, bpy.types.Operator):
         ]
         notes.append(bodies_write.write_gaps(items, removed.gaps))
         form = context.scene.femors_overclosure
-        fill_pairs(form, removed.result.after, self._ask)
-        depths = {frozenset((pair.one, pair.two)): pair.depth_after for pair in removed.result.excluded}
-        for row in form.pairs:
-            row.depth = depths.get(frozenset((row.one, row.two)), row.depth)
+        fill_pairs(form, removed.result.after, self._ask, removed.result.excluded)
         report = removed.result.report()
         report["warnings"] += self._notes
         form.report = json.dumps({"kind": "removal", **report})
@@ -220,9 +217,15 @@ def fill_bodies(form: Any, items: Iterable[bpy.types.Object]) -> None:
         form.bodies.add().item = item
 
 
-def fill_pairs(form: Any, findings: Iterable[Any], ask: overclosure_work.Ask) -> None:
-    """Write the table of pairs: what was found, then pairs that were excluded or have their own gap."""
-    earlier = {frozenset((row.one, row.two)): row.depth for row in form.pairs}
+def fill_pairs(
+    form: Any, findings: Iterable[Any], ask: overclosure_work.Ask, excluded: Iterable[Any] = ()
+) -> None:
+    """Write the table of pairs: what was found, then pairs that were excluded or have their own gap.
+
+    Those have the depths of `excluded`; where they are not in it, those that stood in the table before.
+    """
+    depths = {frozenset((row.one, row.two)): row.depth for row in form.pairs}
+    depths |= {frozenset((pair.one, pair.two)): pair.depth_after for pair in excluded}
     gaps = {frozenset(pair): value for pair, value in ask.gaps.items()}
     form.pairs.clear()
     for finding in findings:
@@ -239,7 +242,7 @@ def fill_pairs(form: Any, findings: Iterable[Any], ask: overclosure_work.Ask) ->
             row.one, row.two = pair
             row.exclude = pair in ask.exclude
             row.state = EXCLUDED if row.exclude else FAR
-            row.depth = earlier.get(frozenset(pair), 0.0)
+            row.depth = depths.get(frozenset(pair), 0.0)
             listed.add(frozenset(pair))
     for row in form.pairs:
         own = gaps.get(frozenset((row.one, row.two)))

@@ -10,10 +10,11 @@ import pytest
 
 from femors_addon import limits
 from femors_addon import morph as morph_module
-from femors_addon.crew import _aside, _Crew, _Task, aside, at_once, crew, ordered, over, together
+from femors_addon.crew import aside, at_once, crew, ordered, over, together
 from femors_addon.morph import morph
 from femors_addon.progress import Cancelled
 from femors_addon.shapes import pair
+from femors_addon.tasks import Task, Threads, here
 
 
 @pytest.fixture(autouse=True)
@@ -296,33 +297,71 @@ def test_who_is_at_a_job_aside_takes_what_is_offered_whenever_it_reports():
         assert len(wait()) == 4
 
 
-def test_parts_of_a_job_aside_are_for_those_who_have_nothing_else():
-    mine, first, second, third = _Crew(), *(_Task(lambda: None) for _ in range(3))
-    mine.offer([first])
-    with _aside(True):
-        mine.offer([second])
-        with _aside(False):  # at a piece of others
-            mine.offer([third])
+def test_whether_it_is_aside_goes_with_a_piece_to_whoever_does_it():
+    limits.allow(2, 0)
+    begun, done, both, main = threading.Event(), threading.Event(), threading.Barrier(2), who()
+    met: dict[str, set[tuple[bool, bool]]] = {"job": set(), "piece": set(), "part": set()}
+
+    def note(name: str) -> None:
+        met[name].add((who() is main, here.aside))
+
+    def job(progress):
+        note("job")
+        begun.set()
+        while not done.is_set():
+            progress(0.5, "")
+        note("job")
+        list(over(lambda _: note("part"), range(30)))
+
+    def piece() -> None:
+        both.wait(10)  # one is done here, the other where the job reports
+        note("piece")
+
+    with crew(), aside(job) as wait:
+        assert begun.wait(10)
+        together([piece] * 2)
+        done.set()
+        wait()
+    assert met["job"] == {(False, True)}
+    assert met["piece"] == {(True, False), (False, False)}
+    assert met["part"] == {(True, True), (False, True)}
+
+
+def test_parts_of_a_job_aside_come_last():
+    mine, first, second, third = Threads(), Task(len), Task(len, aside=True), Task(len)
+    mine.offer([first, second, third])
     with mine.changed:
         assert (mine.take(), mine.take(), mine.take()) == (third, first, None)
         assert mine.take(later=True) is second
 
 
+def test_who_has_nothing_to_do_takes_parts_of_a_job_aside():
+    both, done = threading.Barrier(2), threading.Event()  # of three threads, this one waits for the event
+
+    def job(_progress):
+        list(over(lambda _: both.wait(10), range(2)))
+        done.set()
+
+    with crew(), aside(job) as wait:
+        assert done.wait(10)
+        wait()
+
+
 def test_who_waits_for_a_job_aside_begins_no_other():
     limits.allow(2, 0)
-    begun, ran = threading.Event(), []
-
-    def first(_progress):
-        ran.append(threading.current_thread())
+    begun, both, ran = threading.Event(), threading.Event(), []
 
     def second(_progress):
         begun.set()
+        assert both.wait(10)
         time.sleep(0.05)
 
-    with crew(), aside(first), aside(second) as wait:
-        assert begun.wait(10)  # the other thread has the second
-        wait()
-        assert threading.current_thread() not in ran  # it would report to nobody meanwhile
+    with crew(), aside(second) as wait:
+        assert begun.wait(10)  # the other thread has it, and nobody the next
+        with aside(lambda _progress: ran.append(threading.current_thread())):
+            both.set()
+            wait()
+            assert threading.current_thread() not in ran  # it would report to nobody meanwhile
 
 
 def test_jobs_in_order_within_a_job_aside_are_done_where_nobody_helps():
@@ -333,10 +372,15 @@ def test_jobs_in_order_within_a_job_aside_are_done_where_nobody_helps():
         begun.set()
         ended.append(ordered([lambda: 1, lambda: 2, lambda: 3], [(), (), (0,)]))
 
-    with crew(), pytest.raises(ZeroDivisionError), aside(job):
-        assert begun.wait(10)
-        raise ZeroDivisionError  # this thread only waits for it to end
-    assert ended == [[1, 2, 3]]
+    def whole() -> None:
+        with crew(), pytest.raises(ZeroDivisionError), aside(job):
+            assert begun.wait(10)
+            raise ZeroDivisionError  # this thread only waits for it to end
+
+    thread = threading.Thread(target=whole, daemon=True)
+    thread.start()
+    thread.join(10)
+    assert ended == [[1, 2, 3]] and not thread.is_alive()
 
 
 def test_a_job_aside_is_stopped_where_the_rest_fails_and_its_own_failure_is_told():
