@@ -107,7 +107,7 @@ class Removal:
         self._check_gaps()
         self.untold = self._untold(self.before)
         self.efforts = self._begun(self._in_sight(), bounds)
-        deep = self._depths()
+        deep = self._depths(part(progress, 0.1, 0.1))
         self.excluded = [Excluded(*pair, depth, depth) for pair, depth in deep.items()]
         if not overlap:
             return
@@ -116,7 +116,8 @@ class Removal:
         if self._settings.method == "grnn" and self._left(self.after):
             self._again(part(progress, 0.95, 0.97))
         self.passed = self._passed(part(progress, 0.97, 1.0))
-        self.excluded = [Excluded(*pair, deep[pair], depth) for pair, depth in self._depths().items()]
+        after = self._depths(part(progress, 1.0, 1.0))
+        self.excluded = [Excluded(*pair, deep[pair], depth) for pair, depth in after.items()]
 
     def result(self, progress: Progress) -> OverclosureResult:
         """Measure the bodies and put the result together."""
@@ -135,12 +136,12 @@ class Removal:
             progress,
         )
 
-    def _depths(self) -> dict[tuple[str, str], float]:
+    def _depths(self, progress: Progress) -> dict[tuple[str, str], float]:
         """How deep each of the excluded pairs is; 0 where it does not overlap, or where nobody can tell."""
         if not self._spared:
             return {}
         out = {(self.solids[i].name, self.solids[j].name): 0.0 for i, j in self._spared}
-        found = find(self.solids, self._spared, 0.0, volumes=False)
+        found = find(self.solids, self._spared, 0.0, progress, volumes=False)
         untold, least = self._untold(found), ROUNDED * max(solid.surface.diagonal for solid in self.solids)
         depths = {f.names: max(f.depth, f.edge_depth) for f in found if f.names not in untold}
         return out | {names: depth for names, depth in depths.items() if depth > least}

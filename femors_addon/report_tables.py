@@ -88,9 +88,11 @@ def sections(report: Mapping[str, Any]) -> list[Section]:
             value, (Mapping, list, tuple)
         ):
             continue
-        if key in WHOLE and value:
-            records = by_landmark(value) if isinstance(value, Mapping) else value
-            items: tuple[Item, ...] = (_records(records, most=len(records)),)
+        items: tuple[Item, ...]
+        if key in WHOLE and isinstance(value, Mapping):
+            items = (_led_by(value),)
+        elif key in WHOLE and value:
+            items = (_records(value, most=len(value)),)
         else:
             items = tuple(_items(value))
         if items:
@@ -100,14 +102,15 @@ def sections(report: Mapping[str, Any]) -> list[Section]:
     return [section for section in out if section.items]
 
 
-def by_landmark(steering: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return a record for each of the landmarks that led a morph, from `Steering.as_dict`."""
+def _led_by(steering: Mapping[str, Any]) -> Table:
+    """Return a table of the landmarks that led a morph, from `Steering.as_dict`."""
     left_out = set(steering["left_out"])
     rows = zip(steering["names"], steering["aligned"], steering["residual"], strict=True)
-    return [
+    records = [
         {"name": name, "aligned": before, "residual": after, "left_out": name in left_out}
         for name, before, after in rows
     ]
+    return _records(records, "pulled" if steering["pulled"] else "aligned by, not pulled", len(records))
 
 
 def compared(before: Mapping[str, Any], after: Mapping[str, Any]) -> Table:

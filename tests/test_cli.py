@@ -367,5 +367,6 @@ def test_a_report_has_the_landmarks_that_led_the_morph(pair, tmp_path, capsys):
     code, _, said = run(capsys, "morph", *pair, "-o", tmp_path / "o.stl", *options, "--report", page)
     assert code in (0, 1) and "Traceback" not in said
     text = page.read_text(encoding="utf-8")
+    assert "pulled" in text and "not pulled" not in text
     for number in range(5):
         assert f"<td>P{number}</td>" in text or f"<th>P{number}</th>" in text

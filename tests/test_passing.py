@@ -11,7 +11,9 @@ from solids import box, hexes, sphere
 from femors_addon import passing
 from femors_addon.bodies import Body, Solid
 from femors_addon.contact import Pair
+from femors_addon.crew import crew
 from femors_addon.effort import ROOM, Effort
+from femors_addon.limits import Limits
 from femors_addon.mesh import Surface
 from femors_addon.overclosure import OverclosureResult, OverclosureSettings, remove_overclosure
 from femors_addon.passing import passed
@@ -226,6 +228,20 @@ def test_the_look_at_the_way_can_be_cancelled(two):
     two[0].put(two[0].points - [0.0, 0.0, 12.0])
     with pytest.raises(Cancelled):
         passed(two, [(0, 1)], cancel)
+
+
+def test_the_look_at_the_way_is_the_same_in_threads(two):
+    two[0].put(two[0].points - [0.0, 0.0, 12.0])
+    before, found = Limits.threads, []
+    try:
+        for threads in (1, 2):
+            Limits.threads, told = threads, []
+            with crew():
+                found.append(passed(two, [(0, 1)], lambda fraction, _text, told=told: told.append(fraction)))
+            assert told == sorted(told) and 0.0 < told[0] < 0.1 and 0.9 < told[-1] <= 1.0
+    finally:
+        Limits.threads = before
+    assert found[0] == found[1] and len(found[0]) == 1
 
 
 def test_the_bodies_stay_where_they_are(two):

@@ -30,6 +30,10 @@ def test_a_body_in_the_mouth_of_an_open_one_is_left_alone_and_the_others_are_par
     assert not result.bodies[1].moved and np.abs(result.bodies[0].movement.maximum) < 1.0
     apart = remove_overclosure(bodies, exclude=[("ball", "cup")])
     assert apart.certified and np.array_equal(apart.bodies[2].nodes, result.bodies[2].nodes)
+    (spared,) = apart.excluded  # nor is a depth told that nobody can tell
+    assert (
+        spared.depth_before == spared.depth_after == 0.0 and "may overlap, and does not" in apart.certificate
+    )
 
 
 def test_a_pair_that_is_left_alone_keeps_no_other_from_being_shaken(monkeypatch):

@@ -202,7 +202,10 @@ def test_an_excluded_pair_is_left_and_an_own_gap_kept(balls, core, tools):
     figures = remove(bodies="Ball;Cup;Third", exclude="Ball,Third", gaps="Cup,Ball=0.15")
     assert figures["certified"]
     by_pair = {frozenset(f.names): f for f in findings(core, *items, gap=0.0)}
-    assert by_pair[frozenset(("Ball", "Third"))].depth > 0.25
+    depth = by_pair[frozenset(("Ball", "Third"))].depth
+    assert depth > 0.25
+    rows = {frozenset((row.one, row.two)): row for row in form().pairs}
+    assert rows[frozenset(("Ball", "Third"))].depth == pytest.approx(depth, abs=1e-5)
     assert by_pair[frozenset(("Ball", "Cup"))].least >= 0.15 - 1e-5
 
 
