@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 
-from femors_addon import balls, crew, limits, nearest, reduce, relax, shapes
+from femors_addon import balls, crew, limits, nearest, reduce, relax, shapes, tasks
 from femors_addon.morph import MorphSettings, morph
 from femors_addon.progress import Cancelled
 
@@ -80,7 +80,7 @@ def two_threads():
 def test_it_reports_from_the_thread_that_began_it_and_never_goes_back(threads, two_threads, monkeypatch):
     """Blender's own functions may be called from its main thread alone."""
     monkeypatch.setattr(nearest, "BLOCK_PAIRS", 1000)
-    monkeypatch.setattr(crew, "LOOK", 1e-4)
+    monkeypatch.setattr(tasks, "LOOK", 1e-4)
     limits.allow(threads, 0)
     callers, fractions = set(), [0.0]
 
@@ -95,7 +95,7 @@ def test_it_reports_from_the_thread_that_began_it_and_never_goes_back(threads, t
 
 
 def test_jobs_in_other_threads_stop_as_they_next_report(two_threads, monkeypatch):
-    monkeypatch.setattr(crew, "LOOK", 1e-3)
+    monkeypatch.setattr(tasks, "LOOK", 1e-3)
     begun, stopped = [], []
 
     def endless(look):
