@@ -149,7 +149,8 @@ def _predicted(
     moved = transfer.points(marks.points, part(progress, 0.9, 1.0))
     prediction = landmarks.predicted(carrier, marks.labels, marks.points, moved.points, moved.projected)
     notes = [*result.warnings, *landmarks.far_ones(marks.labels, moved.distance, carrier.size)]
-    faults = [*moved.faults, *result.faults]
+    units = transfer.unit.of_landmarks(marks.points)
+    faults = [*(units or moved.faults), *result.faults]
     if result.steering is not None:
         notes.append(result.steering.sentence())
         faults += result.steering.faults

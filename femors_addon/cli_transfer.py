@@ -154,7 +154,9 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
                 transfer.carrier, marks.labels, marks.points, moved.points, moved.projected
             )
         far = landmarks.far_ones(marks.labels, moved.distance, transfer.carrier.size)
-        moved = dataclasses.replace(moved, notes=(*far, *moved.notes))
+        units = transfer.unit.of_landmarks(marks.points)
+        notes = [note for note in moved.notes if not units or note not in transfer.unit.small(marks.points)]
+        moved = dataclasses.replace(moved, notes=(*far, *notes), faults=tuple(units) or moved.faults)
         content = {Path(out): landmarkfiles.encoded(out, marks.with_points(moved.points))}
         return _Output(
             path, content, moved, prediction, lambda: carried(marks.points, moved, marks.labels, None)
@@ -167,8 +169,8 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
     else:
         before, world, moved = _deck(transfer, thing, progress)
         written = deckfiles.written(thing.with_coordinates(moved.points), Path(out))
-    sizes, units = transfer.unlike(before)
-    notes = [note for note in moved.notes if not (sizes or units) or note not in transfer.small(before)]
+    sizes, units = transfer.unit.unlike(before)
+    notes = [note for note in moved.notes if not (sizes or units) or note not in transfer.unit.small(before)]
     notes += [*sizes, *written.notes]
     moved = dataclasses.replace(moved, notes=tuple(notes), faults=tuple(units) or moved.faults)
     return _Output(path, written.files, moved, None, lambda: carried(before, world, (), _faces(thing)))

@@ -20,24 +20,15 @@ from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, counted, part, silent
 from .transfer_settings import TransferSettings
+from .transfer_units import FieldUnit
 from .transforms import mirrors, transformed
 from .volume import VolumeMesh
 from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians
 
 FAR = 0.05  # of the source's size: what lies farther out, half of it, is spoken of
-SMALL = 0.01  # of the source's size: points that span less and are not on it may be in another unit
 OFF_TARGET = 0.02  # of the size: a surface to project onto that is farther may be the wrong one
 ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
-UNLIKE = 20.0  # times the source's size, or as small a part of it: a mesh may be in another unit
-LARGEST = 4.0  # times the source's size: a unit that makes a thing larger is not its own
-UNITS = {
-    10.0: "millimetres and centimetres",
-    25.4: "millimetres and inches",
-    100.0: "centimetres and metres",
-    1000.0: "millimetres and metres",
-    1e6: "micrometres and metres",
-}
 SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
 THERE = 0.002  # of the size: half of what was carried before is so near the surface that it was carried to,
 AWAY = 5.0  # and so many times as far from the other
@@ -247,7 +238,7 @@ class Transfer:
                 f"half of the points are {np.median(away):.3g} or more from the {here}'s surface; "
                 "do they belong to another bone?"
             )
-        notes += self.small(points)
+        notes += self.unit.small(points)
         if self._elsewhere and np.median(out.projected) > OFF_TARGET * size:
             notes.append(
                 f"projected by {np.median(out.projected):.3g} in the median: the surface is "
@@ -261,53 +252,11 @@ class Transfer:
             )
         return dataclasses.replace(out, notes=tuple(notes), faults=tuple(faults))
 
-    def small(self, points: Float) -> list[str]:
-        """Return what to say of points (p, 3) that lie closer together than things on a source do."""
-        field = self.carrier.field
-        before = field.morphed if self.settings.inverse else field.origin
-        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        span = float(np.linalg.norm(np.ptp(points, axis=0)))
-        if len(points) < 3 or span >= SMALL * before.diagonal or not len(field.faces):
-            return []
-        if np.median(self._before.closest(points).distance) <= ON * before.diagonal:
-            return []
-        return [
-            f"the points span {span:.3g}, the field's surface {before.diagonal:.3g}: another unit (metres)?"
-        ]
-
-    def unlike(self, points: Float) -> tuple[list[str], list[str]]:
-        """Return notes and faults on a mesh's points (p, 3) that are far larger or smaller than the source.
-
-        A part may have any size, so the unit that brings it nearest to the source, for the size that it has
-        then, is taken for its own; it is a fault where that is another. A small mesh by the source's surface
-        in the field's unit, such as a graft or a screw, is left alone.
-        """
-        if not len(self.carrier.field.faces):
-            return [], []
-        before = self._before.surface
-        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        span = float(np.linalg.norm(np.ptp(points, axis=0)))
-        if not span > 0 or 1 / UNLIKE <= span / before.diagonal <= UNLIKE:
-            return [], []
-        large = span > before.diagonal
-        ratio = span / before.diagonal if large else before.diagonal / span
-        sample = points[:: max(len(points) // SAMPLE, 1)]
-
-        def away(factor: float) -> float:
-            scaled = sample / factor if large else sample * factor
-            return float(np.median(self._before.closest(scaled).distance))
-
-        fit = [one for one in UNITS if (ratio / one if large else one / ratio) <= LARGEST] or [max(UNITS)]
-        fit += [] if large else [1.0]
-        factor = min(fit, key=lambda one: away(one) * (one if large else 1.0 / one))
-        if factor == 1.0 and away(1.0) <= FAR * before.diagonal:
-            return [], []
-        kind, side = "larger" if large else "smaller", "target" if self.settings.inverse else "source"
-        words = f"is {ratio:.4g} times {kind} than the {side} of the field '{self.carrier.field.name}'"
-        if factor == 1.0:
-            return [words], []
-        units = f"{UNITS[factor]} differ by {factor:g}"
-        return [], [f"{words}: probably in another unit of length ({units}); give both in one unit"]
+    @cached_property
+    def unit(self) -> FieldUnit:
+        """What tells whether things are in the field's unit of length."""
+        field, here = self.carrier.field, "target" if self.settings.inverse else "source"
+        return FieldUnit(self._before if len(field.faces) else None, f"{here} of the field '{field.name}'")
 
     @cached_property
     def _elsewhere(self) -> float:

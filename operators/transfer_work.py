@@ -231,7 +231,7 @@ def things(
     if rows:
         marks = _gathered([items[row] for row in rows], [out[row][0] for row in rows], transfer)
         notes += landmarks.far_ones(marks.names, marks.moved.distance, transfer.carrier.size)
-        notes += transfer.small(marks.before)
+        notes += transfer.unit.of_landmarks(marks.before) or transfer.unit.small(marks.before)
         carried.append(marks)
         if not settings.inverse and settings.strength == 1.0:
             known = landmarks.predicted(

@@ -227,6 +227,20 @@ def test_a_part_in_another_unit_is_told_whatever_its_size(files, capsys, factor)
         assert f"differ by {1 / factor:g})" in err and err.count("\n") == 1, err
 
 
+def test_landmarks_in_another_unit_are_written_and_told(files, capsys):
+    lines = [f"{x!r},{y!r},{z!r}" for x, y, z in (0.001 * BONE.vertices[::150]).tolist()]
+    (files / "odd.csv").write_text("\n".join([*lines, ""]))
+    code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.csv", "-o", files / "out")
+    assert code == 1 and "were they 1000 times larger" in err and err.count("\n") == 1, err
+    assert (files / "out" / "odd.csv").exists()
+    code, _, err = run(
+        *(capsys, "landmarks", files / "bone.ply", files / "target.ply", files / "odd.csv"),
+        *("-o", files / "found.csv"),
+    )
+    assert code == 1 and "were they 1000 times larger" in err and "(metres)?" not in err, err
+    assert (files / "found.csv").exists()
+
+
 def test_a_mesh_that_is_far_too_large_is_in_another_unit(files, capsys):
     meshfiles.write(files / "odd.ply", MeshFile.of(BONE.moved(50.0 * BONE.vertices)))
     code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.ply", "-o", files / "out")
