@@ -187,7 +187,10 @@ COMMANDS = (
         help="Carry meshes, decks and landmarks by the field of a morph.",
         options=cli_transfer.options,
         run=cli_transfer.run,
-        exit_codes=cli_transfer.EXIT_CODES,
+        exit_codes=_with_code_1(
+            "the result is written, but nothing was within the field's reach, or the input lay there already",
+            "or seems to be in another unit; the reason is on stderr",
+        ),
     ),
     Command(
         name="landmarks",
@@ -195,7 +198,11 @@ COMMANDS = (
         help="Find the landmarks of one mesh, or of several, on TARGET: morph, and carry them along.",
         options=cli_landmarks.options,
         run=cli_landmarks.run,
-        exit_codes=cli_transfer.EXIT_CODES,
+        exit_codes=_with_code_1(
+            "the result is written, but a template's morph did not converge, or has faces that fold over or",
+            "cross others, or its landmarks are out of its reach or seem to be in another unit, or those",
+            "that are known do not fit; the reason is on stderr",
+        ),
     ),
     Command(
         name="overclosure",

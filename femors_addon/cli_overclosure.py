@@ -87,6 +87,8 @@ def run(args: argparse.Namespace, console: Console, version: str) -> int:
     settings = settings_of(args, OverclosureSettings())
     if args.out is None and not args.check:
         raise FemorsError("-o OUTDIR is needed, or --check (see 'femors overclosure --help')")
+    if args.out is not None and args.check:
+        raise FemorsError("--check moves nothing, and so writes no bodies: leave out -o, or --check")
     outputs = _output_paths(args)
     sources = [cli_bodies.read(path) for path in args.sources]
     bodies = cli_bodies.with_shares([body for source in sources for body in source.bodies], args)
@@ -209,10 +211,10 @@ def _output_paths(args: argparse.Namespace) -> list[Path]:
     if args.report is not None:
         check_ending(args.report)
         check_paths(args.sources, [args.report])
-        fresh = args.out is not None and not args.check and not Path(args.out).exists()
+        fresh = args.out is not None and not Path(args.out).exists()
         if not (fresh and Path(args.report).parent == Path(args.out)):  # that folder is made with the rest
             files.check_writable(args.report)
-    if args.out is None or args.check:
+    if args.out is None:
         return []
     folder = Path(args.out)
     files.check_folder(folder)

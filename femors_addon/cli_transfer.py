@@ -28,14 +28,6 @@ from .transfer import Transfer, Transferred
 from .transfer_settings import TransferSettings
 from .version import version
 
-EXIT_CODES = """exit codes:
-  0    done
-  1    the result is written, but nothing was within the field's reach, or the input lay there already
-       or seems to be in another unit, or a template's morph did not converge; the reason is on stderr
-  2    bad input or usage: one line on stderr, nothing is written
-  3    a defect of FEMORS: a traceback to be reported; its last line says if anything is written
-  130  interrupted (Ctrl-C); the last line says if anything is written
-"""
 TABLE = "the landmarks with distance, residual, stretch, projection and spread, as CSV"
 REPORT = "each landmark and file before and after, and " + HELP
 

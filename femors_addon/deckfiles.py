@@ -57,6 +57,8 @@ def suffix_of(path: Location, others: Iterable[str] = ()) -> str:
     if suffix not in ENDINGS:
         check_no_folder(path)
         known = ", ".join((*ENDINGS, *others))
+        if not suffix:
+            raise FemorsError(f"{path}: the name has no ending, which says the kind of file; use {known}")
         raise FemorsError(f"{path}: '{suffix}' is not a known kind of file; use {known}")
     return suffix
 

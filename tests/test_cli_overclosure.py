@@ -214,6 +214,7 @@ def test_what_is_not_reached_is_written_and_told(folder, capsys):
         (["one.stl", "two.stl", "-o", "out", "--rigid", "one", "--rigid", "two"], "every body is rigid"),
         (["one.stl", "none.stl", "-o", "out"], "none.stl"),
         (["one.stl", "two.xyz", "-o", "out"], "not a known kind"),
+        (["one.stl", "two.stl", "-o", "out", "--check"], "leave out -o, or --check"),
         (["one.stl", "two.stl", "-o", "one.stl"], "one.stl: is a file; name a folder"),
         (["one.stl", "two.stl", "-o", "."], "is also an input"),
     ],

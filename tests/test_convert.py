@@ -172,6 +172,7 @@ def test_what_convert_refuses(box, tmp_path, capsys):
     (tmp_path / "empty.vtu").write_text("")
     for argv, words in (
         ((box, tmp_path / "o.step"), "'.step' is not a known kind of file"),
+        ((box, tmp_path / "o"), "the name has no ending, which says the kind of file"),
         ((tmp_path / "none.inp", tmp_path / "o.stl"), "no such file"),
         ((box, box), "also an input"),
         ((box, tmp_path / "nowhere" / "o.stl"), "no folder"),

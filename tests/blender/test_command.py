@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import threading
 from pathlib import Path
 
 import bpy
@@ -85,9 +86,12 @@ def test_it_runs_in_a_blender_of_its_own(files, tmp_path, part):
     command = [bpy.app.binary_path, *options, "--command", "femors", "morph", *files]
     with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
+        late = threading.Timer(120, process.kill)  # a line that never comes ends in the assertion
+        late.start()
         while "%" not in (line := process.stderr.readline()):
             assert line, "it ended before it was interrupted"
         process.send_signal(signal.SIGINT)
         said = process.stderr.read()
+        late.cancel()
         assert process.wait(60) == 130, said
     assert "femors: interrupted; nothing is written" in said and not Path(files[-1]).exists()
