@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import triples
 from .colours import DIVERGING, painted, span
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
@@ -41,6 +42,9 @@ def morph_figures(
     unit : str
         Of lengths; "" where it is not known.
     """
+    morphed, values = _merged(morphed, values)
+    aligned = None if aligned is None else _merged(aligned)[0]
+    target = None if target is None else _merged(target)[0]
     every = [one for one in (aligned, morphed, target) if one is not None]
     sights = views(every)
     items: list[Item] = []
@@ -84,6 +88,8 @@ def mesh_figures(
     surface: Surface, other: Surface | None, values: Mapping[str, ArrayLike], unit: str = ""
 ) -> list[Section]:
     """Return the sections "Pictures" and "Distributions" of one mesh, beside another where there is one."""
+    surface, values = _merged(surface, values)
+    other = None if other is None else _merged(other)[0]
     sights = views([surface] if other is None else [surface, other])
     looks = [Look.of([surface], sight) for sight in sights]
     items: list[Item] = from_all(looks, [BONE], "Mesh")
@@ -101,6 +107,15 @@ def mesh_figures(
     ]
     spread = tuple(Figure(drawn, caption) for drawn, caption in plots if drawn)
     return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
+
+
+def _merged(
+    surface: Surface, values: Mapping[str, ArrayLike] | None = None
+) -> tuple[Surface, dict[str, ArrayLike]]:
+    """Return a surface, and values of its vertices, with each node once: an STL file has it six times."""
+    first, which = triples.placed(surface.vertices)
+    values = {} if values is None else {key: np.asarray(one)[first] for key, one in values.items()}
+    return Surface(surface.vertices[first], which[surface.faces]), values
 
 
 def heat_pictures(

@@ -28,6 +28,7 @@ from femors_addon.report_html import Figure
 from femors_addon.report_overclosure import overclosure_figures
 from femors_addon.shapes import pair
 from femors_addon.transforms import transformed
+from femors_addon.triples import placed
 
 
 class Page(html.parser.HTMLParser):
@@ -312,3 +313,19 @@ def test_a_mesh_has_a_page_too():
     sections = mesh_figures(bone, bone.moved(bone.vertices + 1.0), {"gap": bone.vertices[:, 0]}, "mm")
     page = report_html.html("Quality", "", sections)
     assert "Gap (mm)" in page and "With the other mesh" in page and not Page(page).open
+
+
+def test_a_page_counts_the_nodes_of_triangles_in_a_heap_once():
+    """Those of an STL file: its pictures, histograms and distances are those of the merged mesh."""
+    heap = Surface(*soup())
+    first, which = placed(heap.vertices)
+    merged = Surface(heap.vertices[first], which[heap.faces])
+    assert len(first) < len(heap.vertices) / 4
+    values = {"displacement": merged.vertices[:, 0] - merged.vertices[:, 0].min()}
+    spread = {"displacement": values["displacement"][which]}
+    assert mesh_figures(heap, heap, spread) == mesh_figures(merged, merged, values)
+    pages = [
+        morph_figures(one, one.moved(1.1 * one.vertices), one.moved(1.2 * one.vertices), known)
+        for one, known in ((heap, spread), (merged, values))
+    ]
+    assert pages[0] == pages[1]
