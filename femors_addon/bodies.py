@@ -155,6 +155,11 @@ class Solid:
         return normals_at(self.surface, rows)
 
     @property
+    def rounding(self) -> float:
+        """By how much two of its vertices may come nearer each other in single precision."""
+        return 2.0 * float(np.spacing(np.float32(np.abs(self.vertices).max())))
+
+    @property
     def begun_surface(self) -> Surface:
         """The cleaned, outward surface where it began."""
         return self._topology

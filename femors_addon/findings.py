@@ -104,3 +104,13 @@ class Finding:
             words.append(f"a piece of '{self.contained}' lies wholly inside the other")
         place = ", ".join(f"{x:.4g}" for x in self.where)
         return f"{self.one} - {self.two}: {self.state}, {', '.join(words)}, at ({place})"
+
+
+@dataclasses.dataclass(frozen=True)
+class Excluded:
+    """A pair that may overlap, and how deep it does (0 where it does not), before and after."""
+
+    one: str
+    two: str
+    depth_before: float
+    depth_after: float

@@ -19,7 +19,8 @@ from .crew import crew
 from .limits import Limits
 from .mesh import Float
 from .overclosure_check import Finding, PairGaps, asked_gaps, find
-from .overclosure_result import OverclosureResult, notes_of
+from .overclosure_notes import notes_of
+from .overclosure_result import OverclosureResult
 from .overclosure_settings import OverclosureSettings
 from .progress import Progress, part, silent
 from .removal import Removal

@@ -5,18 +5,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .bodies import Solid
 from .crew import each
-from .cutouts import Region
-from .findings import CONTAINED, NEAR, Finding
-from .intersect import crossings
-from .overclosure_figures import BodyResult, figures_of, losses_of, mid_sides_of
+from .findings import CONTAINED, NEAR, Excluded, Finding
+from .overclosure_figures import BodyResult, figures_of, losses_of
+from .overclosure_notes import afterwards, notes_of
 from .overclosure_settings import OverclosureSettings
 from .passing import Passing
 from .progress import Progress, counted
@@ -24,11 +21,6 @@ from .progress import Progress, counted
 if TYPE_CHECKING:
     from .effort import Effort
 
-ALIKE = 0.9  # of both bodies' volumes: bodies that share more look like one
-WIDE = 0.1  # of the smaller body's size: a gap above it looks like one in another unit
-UNLIKE = 200.0  # times the size of another body: more looks like another unit of length
-DEEPER = 1.01  # times as deep as before: an excluded pair that is, is told
-MUCH = 0.5  # of its volume: a body that is changed by more is another shape
 METHODS = {"grnn": "smooth field", "nodal": "nodal method", "published": "loop as published"}
 
 
@@ -40,16 +32,6 @@ class Step:
     missing: float
     pierced: int
     spread: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Excluded:
-    """A pair that may overlap, and how deep it does (0 where it does not), before and after."""
-
-    one: str
-    two: str
-    depth_before: float
-    depth_after: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -209,21 +191,10 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes, *_folds(bodies), *_changes(bodies, solids), *_deeper(excluded)),
+        notes=(*notes, *afterwards(bodies, solids, excluded)),
         losses=tuple(losses_of(bodies, solids)),
         excluded=tuple(excluded),
     )
-
-
-def _deeper(excluded: Sequence[Excluded]) -> Iterator[str]:
-    """Say which excluded pairs have been pushed into each other."""
-    for pair in excluded:
-        if pair.depth_after > DEEPER * pair.depth_before:
-            before = f"{pair.depth_before:.3g}" if pair.depth_before else "not at all"
-            yield (
-                f"{pair.one} and {pair.two}, an excluded pair, overlap by {pair.depth_after:.3g}, {before} "
-                "before: others pushed them together"
-            )
 
 
 def _reason(
@@ -291,86 +262,3 @@ def _sheets(finding: Finding, solids: Sequence[Solid]) -> str:
         return ""
     verb = "is" if len(names) == 1 else "are"
     return f"; {' and '.join(names)} {verb} open: give a sheet a thickness (Solidify in Blender)"
-
-
-def _folds(bodies: Sequence[BodyResult]) -> list[str]:
-    return [
-        f"{body.name}: {counted(body.folded, 'face crosses', 'faces cross')} others of the same body since"
-        for body in bodies
-        if body.folded
-    ]
-
-
-def _changes(bodies: Sequence[BodyResult], solids: Sequence[Solid]) -> list[str]:
-    """Tell of bodies that are hardly themselves any more."""
-    notes = []
-    for body, solid in zip(bodies, solids, strict=True):
-        before, after = body.volume
-        change = body.xor
-        if change is None and before > 0 and not solid.open_edges:  # a sheet has no volume
-            change = abs(after - before) / before
-        if change is not None and change > MUCH:
-            words = f"what the removal took away and added is {100.0 * change:.0f} % of its volume"
-            notes.append(f"{body.name}: {words}; are the bodies in their places?")
-    return notes
-
-
-def notes_of(
-    solids: Sequence[Solid], before: Sequence[Finding], after: Sequence[Finding] | None = None
-) -> list[str]:
-    """Return what the user should know of bodies and of what was found among them, in words.
-
-    `after` is what is found where they are now, if that is not what was found before.
-    """
-    notes = [note for solid in solids for note in solid.notes]
-    for solid in solids:
-        if solid.open_edges:
-            notes.append(
-                f"{solid.name}: the surface is open ({counted(solid.open_edges, 'border edge')}); "
-                "its normals tell which side is inside, and bodies wholly inside it are not found"
-            )
-        if len(solid.inverted_input):
-            notes.append(
-                f"{solid.name}: elements inverted before: {len(solid.inverted_input)}; left alone, and not "
-                "in the scaled Jacobians"
-            )
-        crossed = _crossed(solid, solids, before)
-        if crossed:
-            notes.append(
-                f"{solid.name}: {counted(crossed, 'face')} near the overclosure crossed others of "
-                "the same body before; which side is inside is uncertain there"
-            )
-    sizes = sorted((solid.begun_surface.diagonal, solid.name) for solid in solids)
-    if sizes[0][0] * UNLIKE < sizes[-1][0]:
-        notes.append(
-            f"'{sizes[-1][1]}' is {sizes[-1][0] / sizes[0][0]:.0f} times as large as '{sizes[0][1]}': "
-            "are all bodies in one unit of length?"
-        )
-    of = {solid.name: solid.begun_surface for solid in solids}
-    for finding in before:
-        size, larger = sorted(of[name].diagonal for name in finding.names)
-        if size * UNLIKE < larger:
-            continue  # all that follows would come from the other unit, which is told above
-        room = max(abs(of[name].volume) for name in finding.names)
-        if finding.shared is not None and finding.shared > ALIKE * room > 0:
-            notes.append(f"{finding.one} and {finding.two}: take up nearly the same room; are they one body?")
-        if finding.gap > WIDE * size:
-            notes.append(
-                f"{finding.one} and {finding.two}: the gap of {finding.gap:g} is {finding.gap / size:.0%} of "
-                "the smaller body's size; is it in the bodies' unit?"
-            )
-    return notes + mid_sides_of(solids, before if after is None else after)
-
-
-def _crossed(solid: Solid, solids: Sequence[Solid], before: Sequence[Finding]) -> int:
-    """Return how many faces of a body cross others of it where its box meets that of one it overlaps."""
-    crossed = 0
-    surface = solid.begun_surface
-    for finding in before:
-        if solid.name in finding.names and not finding.clear:
-            other = next(s for s in solids if s.name in finding.names and s is not solid).begun_surface
-            low = np.maximum(surface.bounds[0], other.bounds[0])
-            high = np.minimum(surface.bounds[1], other.bounds[1])
-            near = Region.of(surface, low, high).surface
-            crossed = max(crossed, len(np.unique(crossings(near, near))))
-    return crossed

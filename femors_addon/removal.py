@@ -16,10 +16,10 @@ from .boxes import Boxes
 from .contact import Pair
 from .crew import together
 from .effort import Effort
-from .findings import OVERLAP
+from .findings import OVERLAP, Excluded
 from .overclosure_check import CONTAINED, Bounds, Finding, PairGaps, asked_gaps, every_pair, find
 from .overclosure_methods import nodal, published
-from .overclosure_result import Excluded, OverclosureResult, Step, result_of
+from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .passing import Passing, passed
 from .progress import FemorsError, Progress, part, rising
@@ -225,8 +225,7 @@ class Removal:
         jobs = []
         for i, j in pairs:
             one, two = self.solids[i], self.solids[j]
-            size = max(float(np.abs(solid.vertices).max()) for solid in (one, two))
-            margin = 2.0 * float(np.spacing(np.float32(size)))
+            margin = max(one.rounding, two.rounding)
             pair = Pair(one, two, self._asked[i, j])
             for side in pair.sides:
                 side.bound = bounds.pop((side.body.name, side.other.name), side.bound)

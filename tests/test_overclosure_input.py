@@ -295,6 +295,17 @@ def test_notes_of_what_looks_wrong():
     assert any("unit" in note for note in told)
 
 
+def test_what_rounding_adds_to_the_gap_far_from_the_origin_is_told():
+    words = "so far from the origin single precision"
+    for away, told in ((0.0, False), (1e3, False), (2e5, True)):
+        bodies = [Body(one.name, one.mesh.moved(one.nodes + away)) for one in pair((18.0, 0.0, 0.0))]
+        result = remove_overclosure(bodies, OverclosureSettings(gap=0.01))
+        assert result.certified and any(words in note for note in result.notes) == told, (away, result.notes)
+        notes: list[str] = []
+        check_overclosure(bodies, OverclosureSettings(gap=0.01), tell=notes.append)
+        assert not any(words in note for note in notes), "nothing was pushed"
+
+
 def test_a_body_in_another_unit_is_told_once():
     told: list[str] = []
     bodies = [Body("large", sphere(2, 1000.0)), Body("small", sphere(2, 1.0))]
