@@ -188,6 +188,7 @@ def watched() -> Steps:
 
     yield from wait("half of it", lambda: past(0.5))
     yield from shot("55_preview")
+    pulse.go_on()
     yield from wait("the nodes on the target", lambda: past(0.86))
     yield from wait("the end of the computation", lambda: not running.alive)
     yield from wait("the result", quiet)

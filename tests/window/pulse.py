@@ -76,6 +76,10 @@ class Pulse:
         self.last, self.before, self.drawn = now, self.drawn, ""
         return 0.005
 
+    def go_on(self) -> None:
+        """Count from now on: what was before was the story's own doing, such as a screenshot."""
+        self.last, self.before, self.drawn = self.clocks(), self.drawn, ""
+
     def where(self) -> str:
         """Say what the job is at."""
         worker = self.worker()
