@@ -302,8 +302,11 @@ def triangulate(sizes: ArrayLike, corners: ArrayLike) -> tuple[Int, Int]:
     polygon : (m,) int32
         The polygon that each triangle comes from.
     """
-    sizes = np.asarray(sizes, dtype=np.int64).ravel()
-    corners = np.asarray(corners, dtype=np.int64).ravel()
+    sizes = np.asarray(sizes).ravel()
+    if (sizes == 3).all():
+        triangles = np.array(corners, dtype=np.int32).reshape(-1, 3)
+        return triangles, np.arange(len(triangles), dtype=np.int32)
+    sizes, corners = sizes.astype(np.int64), np.asarray(corners, dtype=np.int64).ravel()
     start = np.cumsum(sizes) - sizes
     count = np.maximum(sizes - 2, 0)
     polygon = np.repeat(np.arange(len(sizes)), count)

@@ -236,10 +236,10 @@ def _triangles(mesh: bpy.types.Mesh, sizes: Array, corners: Array) -> Array:
     from ..femors_addon.mesh import triangulate
 
     large = sizes > 4
+    if not large.any():
+        return triangulate(sizes, corners)[0]
     small = ~large
     triangles, _ = triangulate(sizes[small], corners[np.repeat(small, sizes)])
-    if not large.any():
-        return triangles
     # a fan would fold over itself in a concave polygon, so these are cut as Blender draws them
     count = len(mesh.loop_triangles)
     vertices = np.empty(3 * count, dtype=np.int32)

@@ -120,6 +120,17 @@ def test_polygons_become_fans_on_a_fixed_diagonal():
     assert polygon.tolist() == [0, 2, 2, 4, 4, 4]
 
 
+def test_triangles_alone_are_as_among_other_polygons():
+    corners = np.random.default_rng(0).integers(0, 9, 3 * 50).astype(np.int32)
+    alone, ours = triangulate(np.full(50, 3), corners)
+    among, theirs = triangulate(np.append(np.full(50, 3), 4), np.append(corners, (0, 1, 2, 3)))
+    np.testing.assert_array_equal(alone, among[:50])
+    np.testing.assert_array_equal(ours, theirs[:50])
+    assert (alone.dtype, ours.dtype) == (among.dtype, theirs.dtype)
+    alone[:] = 0
+    assert corners.any(), "what was given is not what is returned"
+
+
 def test_no_polygons_are_no_triangles():
     for sizes in ([], [2, 1, 0]):
         triangles, polygon = triangulate(sizes, np.arange(sum(sizes)))
