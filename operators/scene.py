@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 
 import bpy
 
@@ -30,8 +29,8 @@ class Snapshot:
         the object is mirrored.
     matrix : (4, 4) float64
         Local to world.
-    fingerprint : str
-        Changes when positions, topology or the transform change.
+    read : tuple of arrays
+        Positions, polygon sizes, corner vertices and transform as they were, to see whether they change.
     weights : (n,) float64 or None
         Of the vertex group that was asked for.
     landmarks : dict of str to (3,) float64
@@ -44,7 +43,7 @@ class Snapshot:
     vertices: Array
     triangles: Array
     matrix: Array
-    fingerprint: str
+    read: tuple[Array, ...]
     weights: Array | None = None
     landmarks: dict[str, Array] = dataclasses.field(default_factory=dict)
 
@@ -126,19 +125,10 @@ def snapshot(
         world,
         triangles,
         matrix,
-        _fingerprint(positions, sizes, corners, matrix),
+        (positions, sizes, corners, matrix),
         weights=weights,
         landmarks=points,
     )
-
-
-def _fingerprint(*arrays: Array) -> str:
-    """Return what tells arrays from others."""
-    digest = hashlib.blake2b(digest_size=16)
-    for array in arrays:
-        digest.update(np.int64(len(array)).tobytes())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
 
 
 def unchanged(context: bpy.types.Context, before: Snapshot) -> bpy.types.Object:
@@ -154,10 +144,10 @@ def unchanged(context: bpy.types.Context, before: Snapshot) -> bpy.types.Object:
     if item is None or item.type != "MESH" or not item.users_scene:
         raise FemorsError(f"'{before.name}' was deleted or renamed while the job ran: nothing was changed")
     try:
-        now = snapshot(context, item, before.evaluated).fingerprint
+        now = snapshot(context, item, before.evaluated).read
     except FemorsError:
-        now = ""
-    if now != before.fingerprint:
+        now = ()
+    if not now or not all(map(np.array_equal, now, before.read)):
         raise FemorsError(
             f"'{before.name}' was edited or moved while the job ran: nothing was changed, run it again"
         )
