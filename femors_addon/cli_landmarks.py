@@ -205,8 +205,8 @@ def _steering(marks: Landmarks, known: Landmarks) -> dict[str, Any]:
             f"--known shares {counted(len(names), 'name')} with the template; at least 3 are needed"
         )
     return {
-        "source_landmarks": marks.points[[marks.labels.index(name) for name in names]],
-        "target_landmarks": known.points[[known.labels.index(name) for name in names]],
+        "source_landmarks": marks.named(names),
+        "target_landmarks": known.named(names),
         "landmark_names": names,
     }
 

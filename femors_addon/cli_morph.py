@@ -62,7 +62,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     landmarks = [path for path in (args.source_landmarks, args.target_landmarks) if path is not None]
     others = [path for path in (args.report, args.field) if path is not None]
     _check_outputs(args, landmarks, others)
-    *pairs, names = _landmarks(landmarks)
+    pairs = _landmarks(landmarks)
     source, target = deckfiles.read(args.source), deckfiles.read(args.target)
     part = cli_convert.part_of(source, args.part, "--part")
     surface = cli_convert.surface_of(source, args.part, "--part")
@@ -70,11 +70,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
     home = inverse(cli_convert.placement_of(source, args.part, "--part"))
     stand = cli_convert.placement_of(target, args.target_part, "--target-part")
     aim = cli_convert.placed(home @ stand, cli_convert.surface_of(target, args.target_part, "--target-part"))
-    ours, theirs = (None if points is None else transformed(home, points) for points in pairs)
     cli_convert.check_outputs(source, part, args.out, others)
-    keywords: dict[str, Any] = {"source_landmarks": ours, "target_landmarks": theirs}
-    if names:
-        keywords["landmark_names"] = names
+    keywords: dict[str, Any] = {}
+    if pairs is not None:
+        keywords["source_landmarks"] = transformed(home, pairs.source)
+        keywords["target_landmarks"] = transformed(home, pairs.target)
+        keywords["landmark_names"] = pairs.names or None
     thing: Deck | MeshFile
     result: MorphResult | VolumeMorphResult
     try:
@@ -89,7 +90,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     console.end_progress()
     figures = result.surface if isinstance(result, VolumeMorphResult) else result
     faults = _faults(figures, surface)
-    notes = _write(args, thing, result, faults, (surface, aim), inverse(home))
+    alone = [] if pairs is None else pairs.notes
+    notes = [*alone, *_write(args, thing, result, faults, alone, (surface, aim), inverse(home))]
     console.written = True
     if not args.quiet:
         for note in notes:
@@ -117,6 +119,7 @@ def _write(
     thing: Deck | MeshFile,
     result: MorphResult | VolumeMorphResult,
     faults: list[str],
+    alone: list[str],
     meshes: tuple[Surface, Surface],
     stand: Float,
 ) -> list[str]:
@@ -124,6 +127,8 @@ def _write(
 
     Parameters
     ----------
+    alone : list of str
+        What there is to say of landmarks, for the report.
     meshes : (Surface, Surface)
         Source, and target in the source's frame.
     stand : (4, 4) array
@@ -139,7 +144,7 @@ def _write(
             paths[path].write_bytes(data)
         if args.report is not None:
             title = f"Morph of {Path(args.source).name} to {Path(args.target).name}"
-            report = _report(args, result, faults)
+            report = _report(args, result, faults, alone)
             data = report_bytes(args.report, report, title, lambda: _figures(*meshes, figures))
             paths[args.report].write_bytes(data)
         if args.field is not None:
@@ -158,14 +163,14 @@ def _write(
     ]
 
 
-def _landmarks(paths: list[str]) -> tuple[Any, Any, Any]:
-    """Return the two files' landmarks in pairs, and their names; or nothing where no file is given."""
+def _landmarks(paths: list[str]) -> landmarkfiles.Paired | None:
+    """Return the two files' landmarks in pairs; None where no file is given."""
     if not paths:
-        return None, None, None
+        return None
     if len(paths) == 1:
         raise FemorsError("--source-landmarks and --target-landmarks go together; only one is given")
     source, target = map(landmarkfiles.read, paths)
-    return *landmarkfiles.paired(source, target), source.names
+    return landmarkfiles.paired(source, target)
 
 
 def _with_file(text: str, args: argparse.Namespace) -> str:
@@ -205,9 +210,9 @@ def _figures(surface: Surface, aim: Surface, figures: MorphResult) -> list[Secti
 
 
 def _report(
-    args: argparse.Namespace, result: MorphResult | VolumeMorphResult, faults: list[str]
+    args: argparse.Namespace, result: MorphResult | VolumeMorphResult, faults: list[str], alone: list[str]
 ) -> dict[str, Any]:
     names = {"source": args.source, "target": args.target, "out": args.out, "field": args.field}
     report = {"femors": version(), "files": names, "faults": faults, **result.report()}
-    report["warnings"] = [_with_file(text, args) for text in report["warnings"]]
+    report["warnings"] = [*alone, *(_with_file(text, args) for text in report["warnings"])]
     return report

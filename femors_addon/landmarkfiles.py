@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,7 @@ FORMATS = {
 }
 MARKS = "CSV (x,y,z or name,x,y,z), .fcsv or .mrk.json"
 """The files of landmarks, for the help of the command line."""
+NO_PARTNER = "landmarks without a partner of the same name"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,6 +69,10 @@ class Landmarks:
     def labels(self) -> tuple[str, ...]:
         """The names, or numbers from 1 where there are none."""
         return self.names or tuple(str(number) for number in range(1, len(self.points) + 1))
+
+    def named(self, labels: Sequence[str]) -> Float:
+        """Return the points (k, 3) of some labels."""
+        return self.points[[self.labels.index(label) for label in labels]]
 
 
 def is_landmarks(path: Location) -> bool:
@@ -145,25 +150,52 @@ def _check_names(names: tuple[str, ...]) -> None:
         raise FemorsError(f"the name '{shown(twice.encode())}' stands twice; give each landmark its own")
 
 
-def paired(source: Landmarks, target: Landmarks) -> tuple[Float, Float]:
-    """Return the landmarks of two files as pairs (k, 3), (k, 3): by name where both have names.
+class Paired(NamedTuple):
+    """Landmarks of two files in pairs.
+
+    Attributes
+    ----------
+    source, target : (k, 3) float64
+    names : tuple of str
+        Of the pairs; empty where they go by their order.
+    alone : tuple of str
+        Names that only one of the two has.
+    """
+
+    source: Float
+    target: Float
+    names: tuple[str, ...]
+    alone: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know."""
+        return [f"{NO_PARTNER}: {_names(self.alone)}; left out"] if self.alone else []
+
+
+def paired(source: Landmarks, target: Landmarks) -> Paired:
+    """Return the landmarks of two files as pairs: by name where both have names, else by their order.
 
     Raises
     ------
     FemorsError
-        A landmark without a partner, or fewer than three pairs.
+        Fewer than three pairs; without names, not as many in both.
     """
     if source.names and target.names:
-        alone = set(source.names) ^ set(target.names)
-        if alone:
-            names = listed((shown(name.encode()) for name in sorted(alone)), most=5)
-            raise FemorsError(f"landmarks without a partner of the same name: {names}")
-        order = [target.names.index(name) for name in source.names]
-        target = Landmarks(target.points[order], source.names)
+        names = tuple(name for name in source.names if name in target.names)
+        alone = tuple(sorted(set(source.names) ^ set(target.names)))
+        if len(names) < 3:
+            those = f" ({NO_PARTNER}: {_names(alone)})" if alone else ""
+            raise FemorsError(f"{counted(len(names), 'pair')} of landmarks; at least 3 are needed{those}")
+        return Paired(source.named(names), target.named(names), names, alone)
     if len(source.points) != len(target.points):
         raise FemorsError(
             f"{len(source.points)} source landmarks and {len(target.points)} target landmarks are not pairs"
         )
     if len(source.points) < 3:
         raise FemorsError(f"{counted(len(source.points), 'pair')} of landmarks; at least 3 are needed")
-    return source.points, target.points
+    return Paired(source.points, target.points, source.names)
+
+
+def _names(names: Sequence[str]) -> str:
+    return listed((shown(name.encode()) for name in names), most=5)

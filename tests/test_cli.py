@@ -340,7 +340,8 @@ POINTS = np.array([[1, 2, 3.5], [-4, 5, 6], [7, 8, -9e1], [0, 1, 0]])
 
 
 def test_landmarks_reach_the_morph(pair, tmp_path, capsys, monkeypatch):
-    def look(source, target, settings, progress, *, source_landmarks, target_landmarks):
+    def look(source, target, settings, progress, *, source_landmarks, target_landmarks, landmark_names):
+        assert landmark_names is None
         assert np.array_equal(source_landmarks, POINTS)
         assert np.array_equal(target_landmarks, POINTS + 1)
         raise FemorsError("seen")
@@ -361,6 +362,7 @@ def test_a_report_has_the_landmarks_that_led_the_morph(pair, tmp_path, capsys):
     points = points[np.linspace(0, len(points) - 1, 5).astype(int)]
     for name in ("a.csv", "b.csv"):
         rows = [f"P{number},{','.join(map(repr, place))}" for number, place in enumerate(points.tolist())]
+        rows += ["alone,1,2,3"] if name == "b.csv" else []
         (tmp_path / name).write_text("\n".join(rows) + "\n")
     options = ["--source-landmarks", tmp_path / "a.csv", "--target-landmarks", tmp_path / "b.csv", "--steer"]
     page = tmp_path / "r.html"
@@ -368,5 +370,7 @@ def test_a_report_has_the_landmarks_that_led_the_morph(pair, tmp_path, capsys):
     assert code in (0, 1) and "Traceback" not in said
     text = page.read_text(encoding="utf-8")
     assert "pulled" in text and "not pulled" not in text
+    left = "landmarks without a partner of the same name: alone; left out"
+    assert f"note: {left}" in said and left in text
     for number in range(5):
         assert f"<td>P{number}</td>" in text or f"<th>P{number}</th>" in text

@@ -263,7 +263,7 @@ def test_line_breaks_in_names_elsewhere(tmp_path):
         path.write_bytes(encoded(path, read(path).with_points(POINTS + 1)))
         assert read(path).names == expected
         assert np.array_equal(read(path).points, POINTS + 1)
-    with pytest.raises(FemorsError, match=r"of the same name: a[?]b, c[?]d, f, g$"):
+    with pytest.raises(FemorsError, match=r"of the same name: a[?]b, c[?]d, f, g\)$"):
         landmarkfiles.paired(Landmarks(POINTS, names), Landmarks(POINTS, ("f", "g", "e")))
 
 
@@ -331,13 +331,17 @@ def test_landmarks_are_paired_by_name_or_by_order():
     names = ("a", "b", "c", "d")
     shuffled = [2, 0, 3, 1]
     target = landmarkfiles.Landmarks(ROWS[shuffled] + 1, tuple(names[i] for i in shuffled))
-    one, two = landmarkfiles.paired(landmarkfiles.Landmarks(ROWS, names), target)
-    assert np.array_equal(two, one + 1)
-    one, two = landmarkfiles.paired(landmarkfiles.Landmarks(ROWS), target)
-    assert np.array_equal(two, ROWS[shuffled] + 1)
-    with pytest.raises(FemorsError, match="partner of the same name: d, e"):
+    found = landmarkfiles.paired(landmarkfiles.Landmarks(ROWS, names), target)
+    assert np.array_equal(found.target, found.source + 1) and found.names == names and not found.notes
+    more = landmarkfiles.Landmarks(np.append(ROWS, [[9, 9, 9]], axis=0), (*names, "e"))
+    found = landmarkfiles.paired(more, target)
+    assert np.array_equal(found.target, found.source + 1) and found.names == names
+    assert found.notes == ["landmarks without a partner of the same name: e; left out"]
+    found = landmarkfiles.paired(landmarkfiles.Landmarks(ROWS), target)
+    assert np.array_equal(found.target, ROWS[shuffled] + 1) and not found.names and not found.notes
+    with pytest.raises(FemorsError, match=r"2 pairs .* at least 3 .* of the same name: c, d, e, f"):
         landmarkfiles.paired(
-            landmarkfiles.Landmarks(ROWS, names), landmarkfiles.Landmarks(ROWS, ("a", "b", "c", "e"))
+            landmarkfiles.Landmarks(ROWS, names), landmarkfiles.Landmarks(ROWS, ("a", "b", "f", "e"))
         )
     with pytest.raises(FemorsError, match="4 source landmarks and 3 target"):
         landmarkfiles.paired(landmarkfiles.Landmarks(ROWS), landmarkfiles.Landmarks(ROWS[:3]))
