@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+
 import bpy
 import numpy as np
 import pytest
@@ -150,6 +152,18 @@ def test_empties_that_are_carried_are_landmarks(morphed, tools, truth):
     assert marks["b"].distance > 30 and abs(marks["a"].distance) < 1e-4
     copy = bpy.data.objects["a carried"]
     assert copy["femors_landmark"] == "a" and copy["femors_stretch"] == pytest.approx(marks["a"].stretch)
+
+
+def test_landmarks_in_another_unit_are_told_with_it(morphed, tools):
+    for number, point in enumerate(tools.world(morphed[0])[::40] * 0.001):
+        empty = bpy.data.objects.new(f"m{number}", None)
+        empty["femors_landmark"], empty.location = empty.name, point
+        bpy.context.scene.collection.objects.link(empty)
+    bpy.context.view_layer.update()
+    names = ";".join(item.name for item in bpy.data.objects if item.type == "EMPTY")
+    assert bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects=names) == {"FINISHED"}
+    notes = " ".join(json.loads(bpy.context.scene.femors_transfer.report)["notes"])
+    assert "were they 1000 times larger" in notes and "(metres)?" not in notes
 
 
 def test_a_landmark_that_is_there_twice_is_told(morphed):
