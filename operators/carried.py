@@ -7,6 +7,7 @@ order that `copy_of` and `shape_key_of` know.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -105,8 +106,8 @@ def copy_of(
         elif item.type == "EMPTY":
             context.view_layer.update()
             placed = copy.matrix_world.copy()
-            if copy.parent is not None and copy.parent.type == "MESH":
-                copy.parent = None  # the children of a mesh are its landmarks, and move with it
+            if any(above.type == "MESH" for above in _above(copy)):
+                copy.parent = None  # what is below a mesh moves with it, and its children are its landmarks
             placed.translation = Vector(world[0])
             copy.matrix_world = placed
         else:
@@ -115,6 +116,12 @@ def copy_of(
         remove(copy, data)
         raise
     return copy
+
+
+def _above(item: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    """Yield an object's parent, its parent's, and so on."""
+    while (item := item.parent) is not None:
+        yield item
 
 
 def _freed(context: bpy.types.Context, copy: bpy.types.Object, matrix: Array) -> None:

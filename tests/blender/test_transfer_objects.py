@@ -177,20 +177,21 @@ def test_a_landmark_that_is_there_twice_is_told(morphed):
 
 def test_carried_landmarks_are_none_of_the_source(morphed, part):
     source = morphed[0]
-    tip, pole, group = (bpy.data.objects.new(name, None) for name in ("tip", "pole", "sites"))
-    for empty, parent in ((group, None), (tip, source), (pole, group)):
+    names = ("tip", "pole", "sites", "low", "below")
+    tip, pole, group, low, below = (bpy.data.objects.new(name, None) for name in names)
+    for empty, parent in ((group, None), (tip, source), (pole, group), (low, source), (below, low)):
         empty.parent = parent
         bpy.context.scene.collection.objects.link(empty)
     bpy.context.view_layer.update()
-    assert bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects="tip;pole") == {"FINISHED"}
-    copy, grouped = (bpy.data.objects[f"{item.name} carried"] for item in (tip, pole))
-    assert copy.parent is None and grouped.parent == group
-    before = [item.matrix_world.translation.copy() for item in (copy, grouped)]
+    assert bpy.ops.femors.transfer(field=FIELD, what="OBJECTS", objects="tip;pole;below") == {"FINISHED"}
+    copies = [bpy.data.objects[f"{item.name} carried"] for item in (tip, pole, below)]
+    assert [item.parent for item in copies] == [None, group, None]
+    before = [item.matrix_world.translation.copy() for item in copies]
     source.location.x += 10.0
     bpy.context.view_layer.update()
-    for item, place in zip((copy, grouped), before, strict=True):
+    for item, place in zip(copies, before, strict=True):
         assert (item.matrix_world.translation - place).length < 1e-5
-    assert set(part("operators.marks").children(source)) == {"tip"}  # nothing stands twice
+    assert set(part("operators.marks").children(source)) == {"tip", "low"}  # nothing stands twice
 
 
 def test_selected_objects_are_taken_where_none_is_named(morphed, tools):
