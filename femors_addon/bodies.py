@@ -156,7 +156,7 @@ class Solid:
 
     @property
     def rounding(self) -> float:
-        """By how much two of its vertices may come nearer each other in single precision."""
+        """By how much single precision may bring two surfaces nearer each other where this one is."""
         return 2.0 * float(np.spacing(np.float32(np.abs(self.vertices).max())))
 
     @property

@@ -82,14 +82,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
     faults: list[str] = []
     for number, (source, mark) in enumerate(zip(sources, marks, strict=True)):
         step = part(console.progress, number / len(sources), (number + 1) / len(sources))
-        name = templates[number][0]
+        name, csv = templates[number]
         try:
             one = _predicted(source, aim, mark, settings, steer, args.project, step)
         except FemorsError as error:
             raise FemorsError(_with_file(str(error), name, target, False)) from None
         found.append(one)
         notes += [_with_file(note, name, target) for note in one.notes]
-        faults += [f"{name}: {fault}" for fault in one.faults]
+        faults += [f"{csv}: {fault}" for fault in one.units] + [f"{name}: {fault}" for fault in one.faults]
     console.end_progress()
     median, missing = landmarks.median_of([one.prediction for one in found])
     if args.project and len(found) > 1:
@@ -126,6 +126,7 @@ def _with_file(text: str, template: str, target: str, always: bool = True) -> st
 class _Found(NamedTuple):
     prediction: landmarks.Prediction
     notes: list[str]
+    units: list[str]  # faults of the landmarks themselves
     faults: list[str]
     verdict: str
     fit: dict[str, float]
@@ -148,16 +149,17 @@ def _predicted(
     transfer = Transfer(carrier, TransferSettings(), aim if project else None, own=True)
     moved = transfer.points(marks.points, part(progress, 0.9, 1.0))
     prediction = landmarks.predicted(carrier, marks.labels, marks.points, moved.points, moved.projected)
-    notes = [*result.warnings, *landmarks.far_ones(marks.labels, moved.distance, carrier.size)]
-    units = transfer.unit.of_landmarks(marks.points)
-    faults = [*(units or moved.faults), *result.faults]
+    units = dataclasses.replace(transfer.unit, name="template").of_landmarks(marks.points)
+    # where they are in another unit that explains all else that is odd of them
+    far = [] if units else landmarks.far_ones(marks.labels, moved.distance, carrier.size)
+    notes, faults = [*result.warnings, *far], [*([] if units else moved.faults), *result.faults]
     if result.steering is not None:
         notes.append(result.steering.sentence())
         faults += result.steering.faults
     notes = [note for note in notes if note not in faults]
     faults += [] if result.converged else [result.stop_reason]
     fit = result.after.target_to_surface.as_dict()
-    return _Found(prediction, notes, faults, result.stop_reason, fit, carrier.size)
+    return _Found(prediction, notes, units, faults, result.stop_reason, fit, carrier.size)
 
 
 def _report(

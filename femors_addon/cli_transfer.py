@@ -145,10 +145,7 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
             prediction = landmarks.predicted(
                 transfer.carrier, marks.labels, marks.points, moved.points, moved.projected
             )
-        far = landmarks.far_ones(marks.labels, moved.distance, transfer.carrier.size)
-        units = transfer.unit.of_landmarks(marks.points)
-        notes = [note for note in moved.notes if not units or note not in transfer.unit.small(marks.points)]
-        moved = dataclasses.replace(moved, notes=(*far, *notes), faults=tuple(units) or moved.faults)
+        moved = transfer.of_landmarks(moved, marks.points, marks.labels)
         content = {Path(out): landmarkfiles.encoded(out, marks.with_points(moved.points))}
         return _Output(
             path, content, moved, prediction, lambda: carried(marks.points, moved, marks.labels, None)

@@ -43,7 +43,7 @@ class Effort:
     ----------
     pair : Pair
     target : float
-        The gap that is aimed at: what was asked for and what single precision may take of it.
+        The gap that is aimed at: what was asked for, and `margin`.
     phase : str
     worst : float
         By how much the gap is missed at the deepest node or place on an edge that is asked to move.
@@ -76,7 +76,7 @@ class Effort:
         clear: bool = True,
     ) -> None:
         self.pair, self._settings, self._stride = pair, settings, stride
-        self.target = pair.gap + margin
+        self.margin, self.target = margin, pair.gap + margin
         # of the finer body that moves: what a field does between the nodes of a coarse one is lost
         self.size = min(s.edge for s, w in zip((pair.one, pair.two), pair.weights, strict=True) if w > 0)
         self.aim = self.target + AIM * (pair.gap or 1e-3 * self.size)

@@ -303,7 +303,7 @@ def triangulate(sizes: ArrayLike, corners: ArrayLike) -> tuple[Int, Int]:
         The polygon that each triangle comes from.
     """
     sizes = np.asarray(sizes).ravel()
-    if (sizes == 3).all():
+    if 3 * len(sizes) == np.size(corners) and (sizes == 3).all():
         triangles = np.array(corners, dtype=np.int32).reshape(-1, 3)
         return triangles, np.arange(len(triangles), dtype=np.int32)
     sizes, corners = sizes.astype(np.int64), np.asarray(corners, dtype=np.int64).ravel()

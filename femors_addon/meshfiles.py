@@ -108,5 +108,6 @@ def check_suffix(path: Location) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in FORMATS:
         check_no_folder(path)
-        raise FemorsError(f"{path}: '{suffix}' is not a known kind of mesh file; use {', '.join(FORMATS)}")
+        what = f"'{suffix}' is not a known kind of mesh file" if suffix else "the name has no ending"
+        raise FemorsError(f"{path}: {what}; use {', '.join(FORMATS)}")
     return suffix

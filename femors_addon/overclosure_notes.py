@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from .findings import Excluded, Finding
 from .intersect import crossings
 from .overclosure_figures import BodyResult, mid_sides_of
 from .progress import counted
+
+if TYPE_CHECKING:
+    from .effort import Effort
 
 ALIKE = 0.9  # of both bodies' volumes: bodies that share more look like one
 WIDE = 0.1  # of the smaller body's size: a gap above it looks like one in another unit
@@ -47,8 +51,6 @@ def notes_of(
                 f"{solid.name}: {counted(crossed, 'face')} near the overclosure crossed others of "
                 "the same body before; which side is inside is uncertain there"
             )
-    if after is not None:
-        notes += _rounding(solids, before)
     sizes = sorted((solid.begun_surface.diagonal, solid.name) for solid in solids)
     if sizes[0][0] * UNLIKE < sizes[-1][0]:
         notes.append(
@@ -71,22 +73,6 @@ def notes_of(
     return notes + mid_sides_of(solids, before if after is None else after)
 
 
-def _rounding(solids: Sequence[Solid], before: Sequence[Finding]) -> list[str]:
-    """Tell where bodies are so far from the origin that single precision costs more than half of the gap."""
-    of = {solid.name: solid for solid in solids}
-    parted = [finding for finding in before if not finding.clear and finding.gap > 0]
-    wide = [(max(of[name].rounding for name in finding.names), finding) for finding in parted]
-    wide = [(rounding, finding) for rounding, finding in wide if rounding > ROUNDED * finding.gap]
-    if not wide:
-        return []
-    rounding, finding = max(wide, key=lambda one: one[0])
-    return [
-        f"{finding.one} and {finding.two}: so far from the origin single precision, in which files and "
-        f"Blender keep coordinates, rounds by {rounding / 4.0:.2g}; up to {rounding:.2g} is added to the gap "
-        "for it: move the bodies nearer the origin for less"
-    ]
-
-
 def _crossed(solid: Solid, solids: Sequence[Solid], before: Sequence[Finding]) -> int:
     """Return how many faces of a body cross others of it where its box meets that of one it overlaps."""
     crossed = 0
@@ -102,12 +88,33 @@ def _crossed(solid: Solid, solids: Sequence[Solid], before: Sequence[Finding]) -
 
 
 def afterwards(
-    bodies: Sequence[BodyResult], solids: Sequence[Solid], excluded: Sequence[Excluded]
+    bodies: Sequence[BodyResult],
+    solids: Sequence[Solid],
+    excluded: Sequence[Excluded],
+    efforts: Sequence[Effort],
 ) -> Iterator[str]:
-    """Say what a removal did beside what it was for: folds, bodies changed much, excluded pairs deeper."""
+    """Say what a removal did beside what it was for: folds, bodies changed much, pairs pushed elsewhere."""
     yield from _folds(bodies)
     yield from _changes(bodies, solids)
     yield from _deeper(excluded)
+    if any(body.moved for body in bodies):
+        yield from _rounded(efforts)
+
+
+def _rounded(efforts: Sequence[Effort]) -> Iterator[str]:
+    """Tell where bodies are so far from the origin that single precision costs more than half of the gap."""
+
+    def cost(effort: Effort) -> float:
+        return effort.margin / (effort.pair.gap or 1e-3 * effort.size)
+
+    worst = max(efforts, key=cost, default=None)
+    if worst is not None and cost(worst) > ROUNDED:
+        one, two = worst.pair.names
+        yield (
+            f"{one} and {two}: so far from the origin single precision (STL files, Blender) rounds by "
+            f"{worst.margin / 4.0:.2g}; whatever they are written to, up to {worst.margin:.2g} is added to "
+            "the gap for it: move the bodies nearer the origin for less"
+        )
 
 
 def _folds(bodies: Sequence[BodyResult]) -> list[str]:

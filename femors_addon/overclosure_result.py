@@ -191,7 +191,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes, *afterwards(bodies, solids, excluded)),
+        notes=(*notes, *afterwards(bodies, solids, excluded, efforts)),
         losses=tuple(losses_of(bodies, solids)),
         excluded=tuple(excluded),
     )

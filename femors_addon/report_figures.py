@@ -42,9 +42,6 @@ def morph_figures(
     unit : str
         Of lengths; "" where it is not known.
     """
-    morphed, values = _merged(morphed, values)
-    aligned = None if aligned is None else _merged(aligned)[0]
-    target = None if target is None else _merged(target)[0]
     every = [one for one in (aligned, morphed, target) if one is not None]
     sights = views(every)
     items: list[Item] = []
@@ -57,14 +54,13 @@ def morph_figures(
     items += heat_pictures(morphed, values, looks["Result"], unit)
     distances: dict[str, Float] = {}
     if target is not None:
-        far = SurfaceIndex(morphed).closest(target.vertices).distance
+        far = _away(target.vertices, morphed)
         items += _heat(
             target, far, looks["Target"], with_unit("Distance of the target from the result", unit)
         )
-        used = np.unique(target.faces)
         if aligned is not None:
-            distances["source, aligned"] = SurfaceIndex(aligned).closest(target.vertices[used]).distance
-        distances["result"] = far[used]
+            distances["source, aligned"] = _by_node(target, _away(target.vertices, aligned))
+        distances["result"] = _by_node(target, far)
     shapes = {"source": aligned, "result": morphed}
     aspects = {name: aspect_ratio(one) for name, one in shapes.items() if one is not None}
     jacobians = {name: triangle_jacobians(one) for name, one in shapes.items() if one is not None}
@@ -88,8 +84,6 @@ def mesh_figures(
     surface: Surface, other: Surface | None, values: Mapping[str, ArrayLike], unit: str = ""
 ) -> list[Section]:
     """Return the sections "Pictures" and "Distributions" of one mesh, beside another where there is one."""
-    surface, values = _merged(surface, values)
-    other = None if other is None else _merged(other)[0]
     sights = views([surface] if other is None else [surface, other])
     looks = [Look.of([surface], sight) for sight in sights]
     items: list[Item] = from_all(looks, [BONE], "Mesh")
@@ -109,13 +103,19 @@ def mesh_figures(
     return [Section("Pictures", tuple(items)), Section("Distributions", spread)]
 
 
-def _merged(
-    surface: Surface, values: Mapping[str, ArrayLike] | None = None
-) -> tuple[Surface, dict[str, ArrayLike]]:
-    """Return a surface, and values of its vertices, with each node once: an STL file has it six times."""
+def _away(points: Float, surface: Surface) -> Float:
+    """Return (p,) distances of points from a surface, each node taken once: an STL file has it six times."""
     first, which = triples.placed(surface.vertices)
-    values = {} if values is None else {key: np.asarray(one)[first] for key, one in values.items()}
-    return Surface(surface.vertices[first], which[surface.faces]), values
+    merged = Surface(surface.vertices[first], which[surface.faces])
+    one, every = triples.placed(points)
+    return SurfaceIndex(merged).closest(points[one]).distance[every]
+
+
+def _by_node(surface: Surface, values: ArrayLike) -> Float:
+    """Return the values (n,) of vertices that faces use; those at one place count once where they agree."""
+    used = np.unique(surface.faces)
+    known = np.asarray(values, dtype=np.float64)[used]
+    return known[triples.unique_rows(np.column_stack((surface.vertices[used], known)))[0]]
 
 
 def heat_pictures(
@@ -154,7 +154,7 @@ def _spread(surface: Surface, values: Mapping[str, ArrayLike], unit: str) -> lis
     """Return a histogram and its caption for each quantity that is more than rounding."""
     least = ROUNDING * surface.diagonal
     return [
-        (histogram({key: values[key]}, label), f"{label} at the vertices.")
+        (histogram({key: _by_node(surface, values[key])}, label), f"{label} at the vertices.")
         for key, label in _labels(values, unit)
         if np.abs(np.asarray(values[key])).max(initial=0.0) >= least
     ]

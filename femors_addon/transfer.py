@@ -8,6 +8,7 @@ what the user should hear: points far from the source, things carried already, a
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,23 +17,21 @@ from . import triples
 from .cached import cached_property
 from .carry import FADE, Carrier
 from .cleaning import clean
+from .landmarks import far_ones
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, counted, part, silent
 from .transfer_settings import TransferSettings
-from .transfer_units import FieldUnit
+from .transfer_units import FAR, ON, SAMPLE, FieldUnit
 from .transforms import mirrors, transformed
 from .volume import VolumeMesh
 from .volume_morph import kept_valid
 from .volume_quality import scaled_jacobians
 
-FAR = 0.05  # of the source's size: what lies farther out, half of it, is spoken of
 OFF_TARGET = 0.02  # of the size: a surface to project onto that is farther may be the wrong one
-ON = 0.002  # of the size from the source's surface: a solid's nodes so near are laid onto the target's
 SIDE = 1e-6  # of the size: what is closer to the surface is on no side of it
 THERE = 0.002  # of the size: half of what was carried before is so near the surface that it was carried to,
 AWAY = 5.0  # and so many times as far from the other
-SAMPLE = 2000  # points that are looked at for that
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -251,6 +250,18 @@ class Transfer:
                 f"Carry the original, or go the other way ({way})"
             )
         return dataclasses.replace(out, notes=tuple(notes), faults=tuple(faults))
+
+    def of_landmarks(self, moved: Transferred, points: Float, names: Sequence[str]) -> Transferred:
+        """Return carried points with what is to be said where they are landmarks (p, 3), by their names.
+
+        Another unit than the field's explains all else that is odd of them.
+        """
+        carried = not self.own and self._already(points)
+        units = [] if carried else self.unit.of_landmarks(points)
+        if units:
+            return dataclasses.replace(moved, notes=(), faults=tuple(units))
+        far = far_ones(names, moved.distance, self.carrier.size)
+        return dataclasses.replace(moved, notes=(*far, *moved.notes))
 
     @cached_property
     def unit(self) -> FieldUnit:

@@ -115,7 +115,7 @@ def snapshot(
             bpy.data.meshes.remove(mesh)
     if np.linalg.det(matrix[:3, :3]) < 0:  # Blender shows the other side of faces that are mirrored
         triangles = np.ascontiguousarray(triangles[:, ::-1])
-    for array in (world, triangles, matrix):
+    for array in (world, triangles, matrix, positions, sizes, corners):
         array.setflags(write=False)
     library = item.library.filepath if item.library else ""
     return Snapshot(

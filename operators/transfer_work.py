@@ -230,8 +230,11 @@ def things(
     known, carried = None, []
     if rows:
         marks = _gathered([items[row] for row in rows], [out[row][0] for row in rows], transfer)
-        notes += landmarks.far_ones(marks.names, marks.moved.distance, transfer.carrier.size)
-        notes += transfer.unit.of_landmarks(marks.before) or transfer.unit.small(marks.before)
+        together = transfer.of_landmarks(marks.moved, marks.before, marks.names)
+        notes += together.faults or (*together.notes, *transfer.unit.small(marks.before))
+        if together.faults:  # which explain all else that is odd of each
+            for row in rows:
+                out[row] = dataclasses.replace(out[row][0], notes=(), faults=()), out[row][1]
         carried.append(marks)
         if not settings.inverse and settings.strength == 1.0:
             known = landmarks.predicted(

@@ -127,6 +127,8 @@ def test_triangles_alone_are_as_among_other_polygons():
     np.testing.assert_array_equal(alone, among[:50])
     np.testing.assert_array_equal(ours, theirs[:50])
     assert (alone.dtype, ours.dtype) == (among.dtype, theirs.dtype)
+    with pytest.raises(IndexError):
+        triangulate([3, 3], corners[:3])
     alone[:] = 0
     assert corners.any(), "what was given is not what is returned"
 

@@ -48,6 +48,12 @@ def test_nothing_is_said_of_landmarks_in_its_unit_wherever_they_are(unit):
             assert unit.of_landmarks(near + 10.0 * (high - low)) == []
 
 
+def test_three_landmarks_tell_their_unit_and_two_do_not(unit):
+    marks = 0.001 * ON_IT.vertices[[10, 400, 900]]
+    assert len(unit.of_landmarks(marks)) == len(unit.small(marks + 0.3 * ON_IT.diagonal)) == 1
+    assert unit.of_landmarks(marks[1:]) == unit.small(marks[1:] + 0.3 * ON_IT.diagonal) == []
+
+
 def test_nothing_is_said_without_a_surface_or_a_span(unit):
     assert FieldUnit(None, "source").of_landmarks(0.001 * ON_IT.vertices[:9]) == []
     assert unit.of_landmarks(np.tile(ON_IT.vertices[0] + 3.0 * ON_IT.diagonal, (5, 1))) == []
