@@ -146,6 +146,12 @@ def edited(pair):
     pair[0].data.vertices[3].co.x += 0.1
 
 
+def turned(pair):
+    """A face is of other vertices, and nothing has moved."""
+    mesh = pair[1].data
+    mesh.polygons[3].vertices = list(mesh.polygons[3].vertices)[::-1]
+
+
 def moved(pair):
     pair[1].location.x += 1
 
@@ -168,6 +174,7 @@ def emptied(pair):
 
 CHANGES = {
     edited: "edited",
+    turned: "edited",
     moved: "moved",
     deleted: "deleted",
     taken_away: "deleted",

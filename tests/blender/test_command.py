@@ -88,10 +88,12 @@ def test_it_runs_in_a_blender_of_its_own(files, tmp_path, part):
         assert process.stderr is not None
         late = threading.Timer(120, process.kill)  # a line that never comes ends in the assertion
         late.start()
-        while "%" not in (line := process.stderr.readline()):
-            assert line, "it ended before it was interrupted"
-        process.send_signal(signal.SIGINT)
-        said = process.stderr.read()
-        late.cancel()
-        assert process.wait(60) == 130, said
+        try:
+            while "%" not in (line := process.stderr.readline()):
+                assert line, "it ended before it was interrupted"
+            process.send_signal(signal.SIGINT)
+            said = process.stderr.read()
+            assert process.wait(60) == 130, said
+        finally:
+            late.cancel()
     assert "femors: interrupted; nothing is written" in said and not Path(files[-1]).exists()
