@@ -167,6 +167,7 @@ TICKS = {
     "tick Mirror if better": "pass --fix-mirror",
     "or give landmarks": "or pass --source-landmarks and --target-landmarks",
     "the limit in the preferences": "the limit of --memory",
+    "or set the axes of the meshes": "or set the axes of the meshes (--space)",
     "go the other way (inverse)": "go the other way (pass --inverse)",
     "go the other way (without inverse)": "go the other way (leave out --inverse)",
 }

@@ -13,6 +13,7 @@ from .mesh import Float
 from .progress import FemorsError, counted, listed
 
 FAR = 0.03  # of the source's size: a landmark farther from its surface is spoken of
+UNSEEN = 0.05  # of the same: the target shows nothing of what is farther from it than that after the morph
 MOST = 5  # names in a sentence
 
 
@@ -59,6 +60,17 @@ class Prediction:
         out["templates"] = list(map(int, self.templates))
         return out
 
+    def unseen(self, size: float) -> list[str]:
+        """Return faults of landmarks where the target shows nothing of the source: a sentence, or nothing."""
+        rows = np.flatnonzero(self.residual > UNSEEN * size)
+        if not len(rows):
+            return []
+        words = counted(len(rows), "landmark lies", "landmarks lie")
+        return [
+            f"{words} where the target shows nothing of the source (so far away), and "
+            f"{'is a guess' if len(rows) == 1 else 'are guesses'}: {_with(self.names, self.residual, rows)}"
+        ]
+
     def table(self) -> str:
         """Return the landmarks as lines for a person."""
         width = max([8, *(len(name) for name in self.names)])
@@ -98,10 +110,14 @@ def far_ones(names: Sequence[str], distance: Float, size: float) -> list[str]:
     rows = np.flatnonzero(np.abs(distance) > FAR * size)
     if not len(rows):
         return []
-    rows = rows[np.argsort(-np.abs(distance[rows]), kind="stable")]
-    those = listed((f"'{names[row]}' ({abs(distance[row]):.3g})" for row in rows), MOST)
     words = counted(len(rows), "landmark is", "landmarks are")
-    return [f"{words} off the source's surface and the less certain: {those}"]
+    return [f"{words} off the source's surface and the less certain: {_with(names, distance, rows)}"]
+
+
+def _with(names: Sequence[str], lengths: Float, rows: np.ndarray) -> str:
+    """Name some landmarks with their lengths, the largest first."""
+    rows = rows[np.argsort(-np.abs(lengths[rows]), kind="stable")]
+    return listed((f"'{names[row]}' ({abs(lengths[row]):.3g})" for row in rows), MOST)
 
 
 def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]:

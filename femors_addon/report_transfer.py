@@ -12,7 +12,7 @@ import numpy as np
 from .callouts import named
 from .carry import FADE
 from .cleaning import clean
-from .landmarks import Prediction
+from .landmarks import UNSEEN, Prediction
 from .mesh import Float, Surface
 from .nearest import SurfaceIndex
 from .picture import BONE, FINER, Colours, Look, View, facing, views
@@ -67,8 +67,13 @@ def landmarks_of(known: Prediction, target: Surface) -> Carried:
     return Carried("landmarks", known.before, moved, after, known.names)
 
 
-def in_range(distance: float, size: float) -> str:
-    """Return in words how far a field of a size reaches at a distance from its surface."""
+def in_range(distance: float, size: float, residual: float = 0.0) -> str:
+    """Return in words how far a field of a size reaches at a distance from its surface.
+
+    `residual` is how far the target is from the morphed surface there; NaN where that is not known.
+    """
+    if residual > UNSEEN * size:
+        return "no, the target does not show it"
     if abs(distance) <= FADE[0] * size:
         return "yes"
     return "partly" if abs(distance) < FADE[1] * size else "no, alignment only"
@@ -98,7 +103,7 @@ def landmark_rows(carried: Carried, size: float, known: Prediction | None = None
             "after": [float(value) for value in carried.moved.points[row]],
             "distance_before": tidy(distance, size),
             "distance_after": tidy(carried.after[row], size),
-            "in_range": in_range(distance, size),
+            "in_range": in_range(distance, size, np.nan if known is None else float(known.residual[row])),
             "projected": tidy(carried.moved.projected[row], size),
         }
         for key in ("residual", "stretch", "spread", "templates"):

@@ -85,7 +85,8 @@ def lead(
     pairs = pairs.after(free.matrix, size, NEAR)
     if 2 * pairs.good.sum() < len(pairs.good):
         words = "most pairs of landmarks do not fit the surfaces; are they of these meshes, in their frame?"
-        pairs = dataclasses.replace(pairs, faults=(*pairs.faults, words))
+        none = np.zeros(len(pairs.good), dtype=bool)  # what is left may be near by chance
+        pairs = dataclasses.replace(pairs, good=none, faults=(*pairs.faults, words))
     return free, pairs
 
 

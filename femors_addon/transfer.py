@@ -17,7 +17,7 @@ from . import triples
 from .cached import cached_property
 from .carry import FADE, Carrier
 from .cleaning import clean
-from .landmarks import far_ones
+from .landmarks import UNSEEN, far_ones
 from .mesh import Float, Int, Surface
 from .nearest import SurfaceIndex
 from .progress import FemorsError, Progress, counted, part, silent
@@ -268,6 +268,18 @@ class Transfer:
         """What tells whether things are in the field's unit of length."""
         field, here = self.carrier.field, "target" if self.settings.inverse else "source"
         return FieldUnit(self._before if len(field.faces) else None, f"{here} of the field '{field.name}'")
+
+    def unseen(self, points: Float) -> list[str]:
+        """Return what to say of a mesh's points (p, 3): half of them are by what the target does not show."""
+        if self.settings.inverse:
+            return []
+        sample = points[:: max(len(points) // SAMPLE, 1)]
+        residual = float(np.median(self.carrier.residual_at(self.carrier.at(sample))))
+        if not residual > UNSEEN * self.carrier.size:
+            return []
+        return [
+            f"the target shows nothing of the source there, it is {residual:.3g} away in the median: a guess"
+        ]
 
     @cached_property
     def _elsewhere(self) -> float:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether what is to be carried is in the unit of length of the field that carries it.
+"""Whether what is to be carried is in the unit of length, and in the axes, of the field that carries it.
 
-Nothing tells it but where the things would lie in another unit: on the field's source, or nowhere near.
+Nothing tells it but where the things would lie in others: on the field's source, or nowhere near.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ UNITS = {
 MARKS = 0.01  # of their span: landmarks nearer the source in the median are in its unit
 BETTER = 0.1  # of that share: what another unit must bring it down to
 SPANS = (0.05, 2.0)  # of the source's size: what landmarks in its unit span
+TURN = np.array((-1.0, -1.0, 1.0))  # from LPS to RAS, and back
+TURNED = 4  # landmarks, at least, that tell other axes
 SAMPLE = 2000  # points that are looked at
 
 
@@ -57,7 +59,7 @@ class FieldUnit:
         return [f"the points span {span:.3g}, the field's surface {size:.3g}: another unit (metres)?"]
 
     def of_landmarks(self, points: Float) -> list[str]:
-        """Return faults of landmarks (p, 3) that lie on the surface in another unit, and not in their own.
+        """Return faults of landmarks (p, 3) that lie on the surface in another unit or axes than theirs.
 
         Their own unit may put them near it by chance (in metres all are at the origin, which may lie in the
         bone), so that what counts is their distance as a share of their span.
@@ -68,22 +70,33 @@ class FieldUnit:
             return []
         size, sample = self.index.surface.diagonal, points[:: max(len(points) // SAMPLE, 1)]
 
-        def share(factor: float) -> float:
-            return self._away(sample * factor) / (span * factor)
+        def share(factor: float, turned: bool = False) -> float:
+            return self._away(sample * factor * (TURN if turned else 1.0)) / (span * factor)
 
         own = share(1.0)
         if own <= MARKS:
             return []
-        factors = [one for unit in UNITS for one in (unit, 1.0 / unit)]
+        factors = [1.0, *(one for unit in UNITS for one in (unit, 1.0 / unit))]
         fit = [one for one in factors if SPANS[0] <= span * one / size <= SPANS[1]]
-        factor = min(fit, key=share, default=1.0)
-        if share(factor) > min(BETTER * own, MARKS):
-            return []
+        for turned in (False, True)[: 1 + (len(points) >= TURNED)]:
+            shares = [share(one, turned) for one in fit]
+            if shares and min(shares) <= min(BETTER * own, MARKS):
+                return [self._otherwise(fit[int(np.argmin(shares))], turned)]
+        return []
+
+    def _otherwise(self, factor: float, turned: bool) -> str:
+        """Say in which unit, or in which axes, landmarks would lie on the surface."""
+        if turned:
+            also = "" if factor == 1.0 else f" and they {factor:g} times as large"
+            return (
+                f"the landmarks would lie on the {self.name}, were x and y of the other sign{also}: probably "
+                "in other axes (LPS, RAS); turn them, or set the axes of the meshes"
+            )
         larger, ratio = ("larger", factor) if factor > 1 else ("smaller", 1.0 / factor)
         unit = min(UNITS, key=lambda one: abs(one - ratio))
-        return [
+        return (
             f"the landmarks would lie on the {self.name}, were they {unit:g} times {larger}: {_units(unit)}"
-        ]
+        )
 
     def unlike(self, points: Float) -> tuple[list[str], list[str]]:
         """Return notes and faults on a mesh's points (p, 3) that are far larger or smaller than the source.

@@ -185,7 +185,8 @@ def _predicted(
     names, before = list(vertices), template.vertices[list(vertices.values())]
     moved = transfer.points(before, progress)
     far = landmarks.far_ones(names, moved.distance, transfer.carrier.size)
-    return landmarks.predicted(transfer.carrier, names, before, moved.points, moved.projected), far
+    known = landmarks.predicted(transfer.carrier, names, before, moved.points, moved.projected)
+    return known, [*far, *known.unseen(transfer.carrier.size)]
 
 
 def _regions(
@@ -221,9 +222,12 @@ def things(
         step = part(progress, number / len(items), (number + 1) / len(items))
         try:
             if item.part is not None:
-                out.append(_elements(transfer, item, step))
+                moved, nodes = _elements(transfer, item, step)
             else:
-                out.append((transfer.points(item.points, step), None))
+                moved, nodes = transfer.points(item.points, step), None
+            if not item.mark:  # landmarks are told together
+                moved = dataclasses.replace(moved, notes=(*moved.notes, *transfer.unseen(item.points)))
+            out.append((moved, nodes))
         except FemorsError as error:
             raise FemorsError(f"'{item.name}': {error}") from None
     rows = [row for row, item in enumerate(items) if item.mark]
@@ -232,14 +236,16 @@ def things(
         marks = _gathered([items[row] for row in rows], [out[row][0] for row in rows], transfer)
         together = transfer.of_landmarks(marks.moved, marks.before, marks.names)
         notes += together.faults or (*together.notes, *transfer.unit.small(marks.before))
-        if together.faults:  # which explain all else that is odd of each
-            for row in rows:
-                out[row] = dataclasses.replace(out[row][0], notes=(), faults=()), out[row][1]
+        for row in rows:  # a fault of all explains all else that is odd of each
+            moved = out[row][0]
+            faults = () if together.faults else moved.faults
+            out[row] = dataclasses.replace(moved, notes=(), faults=faults), None
         carried.append(marks)
         if not settings.inverse and settings.strength == 1.0:
             known = landmarks.predicted(
                 transfer.carrier, marks.names, marks.before, marks.moved.points, marks.moved.projected
             )
+            notes += known.unseen(transfer.carrier.size)
     for item, (moved, _) in zip(items, out, strict=True):
         if not item.mark:
             carried.append(Carried(item.name, item.points, moved, transfer.distance_after(moved.points)))

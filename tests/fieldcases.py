@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
-from femors_addon import shapes
+from femors_addon import meshfiles, shapes
 from femors_addon.carry import Carrier
 from femors_addon.keptfield import KeptField
 from femors_addon.mesh import Surface
+from femors_addon.meshfiles import MeshFile
 from femors_addon.transforms import homogeneous, transformed
 from femors_addon.volume import Block, VolumeMesh
 
@@ -29,6 +32,7 @@ def field() -> KeptField:
 
 CARRIER = Carrier(field())
 TARGET = field().morphed
+MARKS = BONE.vertices[[10, 400, 900]]
 
 
 def site(distance: float = 0.0, count: int = 60) -> Surface:
@@ -47,3 +51,19 @@ def slab() -> VolumeMesh:
     wedges = np.column_stack((inner.faces, inner.faces + count))
     block = Block("penta6", wedges, np.arange(len(wedges)) + 1)
     return VolumeMesh(nodes, (block,), np.arange(len(nodes)) + 1)
+
+
+def write_files(tmp_path: Path) -> Path:
+    """A field, a site, a deck and landmarks, in a folder."""
+    field().save(tmp_path / "f.npz")
+    meshfiles.write(tmp_path / "site.stl", MeshFile.of(site()))
+    meshfiles.write(tmp_path / "target.ply", MeshFile.of(TARGET))
+    meshfiles.write(tmp_path / "bone.ply", MeshFile.of(BONE))
+    deck = ["*NODE"]
+    deck += [f"{n}, {x:.12g}, {y:.12g}, {z:.12g}" for n, (x, y, z) in enumerate(slab().nodes, 1)]
+    deck += ["*ELEMENT, TYPE=C3D6, ELSET=CART"]
+    deck += [", ".join(map(str, [n, *(row + 1)])) for n, row in enumerate(slab().blocks[0].nodes, 1)]
+    (tmp_path / "cart.inp").write_text("\n".join([*deck, "*END STEP", ""]))
+    lines = [f"{name},{x!r},{y!r},{z!r}" for name, (x, y, z) in zip("abc", MARKS.tolist(), strict=True)]
+    (tmp_path / "marks.csv").write_text("\n".join(["name,x,y,z", *lines, ""]))
+    return tmp_path

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import run
-from fieldcases import BONE, CARRIER, STEPS, TARGET, field, site, slab
+from fieldcases import BONE, CARRIER, MARKS, TARGET, site, slab, write_files
 
 from femors_addon import cli_landmarks, deckfiles, keptfield, landmarkfiles, meshfiles, shapes
-from femors_addon.carry import Carrier
 from femors_addon.mesh import Surface
 from femors_addon.meshfiles import MeshFile
 from femors_addon.nearest import SurfaceIndex
@@ -21,24 +20,12 @@ from femors_addon.transfer import Transfer
 from femors_addon.transfer_settings import TransferSettings
 
 # --- the command line -----------------------------------------------------------------------------
-MARKS = BONE.vertices[[10, 400, 900]]
 
 
 @pytest.fixture()
 def files(tmp_path: Path) -> Path:
     """A field, a site, a deck and landmarks, in a folder."""
-    field().save(tmp_path / "f.npz")
-    meshfiles.write(tmp_path / "site.stl", MeshFile.of(site()))
-    meshfiles.write(tmp_path / "target.ply", MeshFile.of(TARGET))
-    meshfiles.write(tmp_path / "bone.ply", MeshFile.of(BONE))
-    deck = ["*NODE"]
-    deck += [f"{n}, {x:.12g}, {y:.12g}, {z:.12g}" for n, (x, y, z) in enumerate(slab().nodes, 1)]
-    deck += ["*ELEMENT, TYPE=C3D6, ELSET=CART"]
-    deck += [", ".join(map(str, [n, *(row + 1)])) for n, row in enumerate(slab().blocks[0].nodes, 1)]
-    (tmp_path / "cart.inp").write_text("\n".join([*deck, "*END STEP", ""]))
-    lines = [f"{name},{x!r},{y!r},{z!r}" for name, (x, y, z) in zip("abc", MARKS.tolist(), strict=True)]
-    (tmp_path / "marks.csv").write_text("\n".join(["name,x,y,z", *lines, ""]))
-    return tmp_path
+    return write_files(tmp_path)
 
 
 def test_every_input_comes_out_under_its_name_and_in_its_format(files, capsys):
@@ -226,36 +213,6 @@ def test_a_part_in_another_unit_is_told_whatever_its_size(files, capsys, factor)
         code, _, err = run(capsys, "transfer", files / "f.npz", files / "site.ply", "-o", files / "out")
         assert code == 1 and "smaller than the source" in err, err
         assert f"differ by {1 / factor:g})" in err and err.count("\n") == 1, err
-
-
-@pytest.mark.parametrize("factor", [0.001, 1000.0])
-def test_landmarks_in_another_unit_are_written_and_told(files, capsys, factor):
-    """In one line: it explains all else that is odd of them."""
-    lines = [f"{x!r},{y!r},{z!r}" for x, y, z in (factor * BONE.vertices[::150]).tolist()]
-    (files / "odd.csv").write_text("\n".join([*lines, ""]))
-    words = f"were they 1000 times {'larger' if factor < 1 else 'smaller'}"
-    code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.csv", "-o", files / "out")
-    assert code == 1 and words in err and err.count("\n") == 1, err
-    assert (files / "out" / "odd.csv").exists()
-    code, _, err = run(
-        *(capsys, "landmarks", files / "bone.ply", files / "target.ply", files / "odd.csv"),
-        *("-o", files / "found.csv"),
-    )
-    assert code == 1 and f"odd.csv: the landmarks would lie on the template, {words}" in err, err
-    assert "less certain" not in err and "out of its reach" not in err, err
-    assert (files / "found.csv").exists()
-
-
-def test_landmarks_carried_already_are_not_in_another_unit():
-    """They lie on a target ten times as large: what is to be done is to go the other way."""
-    centres, goal = 10.0 * BONE.vertices, 10.0 * shapes.warp(BONE.vertices, *STEPS)
-    scale, residual = np.diag([10.0, 10.0, 10.0, 1.0]), np.full(len(goal), 0.25)
-    kept = keptfield.KeptField(scale, centres, goal - centres, BONE.faces, residual, 5.0, "bone", "other")
-    transfer = Transfer(Carrier(kept), TransferSettings())
-    marks, names = goal[::150], [str(number) for number in range(len(goal[::150]))]
-    assert transfer.unit.of_landmarks(marks), "so it would be told"
-    (fault,) = transfer.of_landmarks(transfer.points(marks), marks, names).faults
-    assert "already" in fault and "inverse" in fault
 
 
 def test_a_mesh_that_is_far_too_large_is_in_another_unit(files, capsys):

@@ -45,6 +45,17 @@ def test_a_landmark_knows_distance_residual_and_stretch():
     assert len(lines) == 3 and lines[1].startswith("a ")
 
 
+def test_a_landmark_that_the_target_does_not_show_is_a_guess():
+    some = one({"a": (0, 0, 0), "b": (1, 1, 1), "c": (2, 0, 0)}, residual=np.array([4.9, 5.1, np.nan]))
+    (fault,) = some.unseen(100.0)
+    assert "1 landmark lies where the target shows nothing" in fault and fault.endswith(
+        "is a guess: 'b' (5.1)"
+    )
+    assert some.unseen(103.0) == []
+    both = one({"a": (0, 0, 0), "b": (1, 1, 1)}, residual=np.array([6.0, 50.0]))
+    assert both.unseen(100.0)[0].endswith("are guesses: 'b' (50), 'a' (6)")
+
+
 def test_the_table_has_no_minus_before_nothing():
     assert "-0.000" not in one({"a": (-1e-9, 0, 0)}, distance=np.array([-2e-5])).table()
 

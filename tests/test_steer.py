@@ -140,6 +140,17 @@ def test_landmarks_of_another_frame_do_no_harm_and_are_a_fault(bones, change):
     assert not pairs.good[wrong].any()
 
 
+def test_of_pairs_that_are_mostly_wrong_none_is_believed(bones):
+    """Nor those that are near each other by chance: here two of six, after the alignment by the surfaces."""
+    aims = bones[3][[3, 4, 0, 1, 2, 5]]
+    aims[5:] += 0.01 * bones[1].diagonal
+    aims[:2] = bones[3][:2][::-1]
+    alignment, pairs = led(bones, 6, aims)
+    near = pairs.residual(alignment.matrix) < 0.05 * bones[1].diagonal
+    assert 0 < near.sum() < 3, "there is one to be taken"
+    assert not pairs.good.any() and any("most pairs" in fault for fault in pairs.faults)
+
+
 def test_a_landmark_off_its_surface_is_told_with_its_distance(bones):
     aims = bones[3][:5].copy()
     aims[0] += [0.0, 0.0, 20.0]  # above the topmost point

@@ -48,6 +48,18 @@ def test_nothing_is_said_of_landmarks_in_its_unit_wherever_they_are(unit):
             assert unit.of_landmarks(near + 10.0 * (high - low)) == []
 
 
+@pytest.mark.parametrize("factor", [1.0, 1000.0, 0.1])
+def test_landmarks_in_other_axes_are_told(unit, factor):
+    """Four and more: three might lie on the bone by chance, turned as they are."""
+    turn = factor * np.array((-1.0, -1.0, 1.0))
+    marks = drawn(np.random.default_rng(3), 6)
+    (fault,) = unit.of_landmarks(turn * marks)
+    also = "" if factor == 1.0 else f" and they {1.0 / factor:g} times as large"
+    assert f"x and y of the other sign{also}: probably in other axes (LPS, RAS)" in fault
+    if factor == 1.0:
+        assert len(unit.of_landmarks(turn * marks[:4])) == 1 and not unit.of_landmarks(turn * marks[:3])
+
+
 def test_three_landmarks_tell_their_unit_and_two_do_not(unit):
     marks = 0.001 * ON_IT.vertices[[10, 400, 900]]
     assert len(unit.of_landmarks(marks)) == len(unit.small(marks + 0.3 * ON_IT.diagonal)) == 1
