@@ -23,15 +23,13 @@ from .overclosure_result import OverclosureResult, Step, result_of
 from .overclosure_settings import OverclosureSettings
 from .passing import Passing, passed
 from .progress import FemorsError, Progress, part, rising
-from .removal_input import band_of, solids_of
+from .removal_input import band_of, check_gaps, solids_of
 from .removal_loop import loop
 from .separation import runs_through, thickness
 
 STRIDE = 0.35  # of the thinnest body, where there are more than two: how far one step may go
 STRIDES = 30  # steps that the deepest pair may take to its end, at least as long as it needs for that
 GAINED = 0.4  # of depth or crossings at the start: a state that is not clear and has more is not worth having
-WIDEST = 0.2
-"""Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
 THROUGH = 50  # iterations where sheets run right through bodies, at most: those that were parted took 35
 SIGHT = 4.0  # of what the largest gap lacks, and the band: farther pairs are left until they come near
 TRIES = 3  # certificates that fail with no new pair found, until the loop gives up
@@ -104,7 +102,7 @@ class Removal:
         overlap = any(not finding.clear for finding in self.before)
         if overlap and all(solid.share == 0 for solid in self.solids):
             raise FemorsError("every body is rigid, so that nothing can give way: let at least one deform")
-        self._check_gaps()
+        check_gaps(self.solids, self.before)
         self.untold = self._untold(self.before)
         self.efforts = self._begun(self._in_sight(), bounds)
         deep = self._depths(part(progress, 0.1, 0.1))
@@ -145,18 +143,6 @@ class Removal:
         untold, least = self._untold(found), ROUNDED * max(solid.surface.diagonal for solid in self.solids)
         depths = {f.names: max(f.depth, f.edge_depth) for f in found if f.names not in untold}
         return out | {names: depth for names, depth in depths.items() if depth > least}
-
-    def _check_gaps(self) -> None:
-        """Refuse a gap in another unit: bodies that are thinned by it would be certified."""
-        of = {solid.name: solid for solid in self.solids}
-        for finding in self.before:
-            small = min((of[name] for name in finding.names), key=lambda solid: solid.surface.diagonal)
-            share = finding.gap / small.surface.diagonal
-            if share > WIDEST and not finding.clear and sum(of[name].share for name in finding.names) > 0:
-                raise FemorsError(
-                    f"the gap, {finding.gap:g}, is {share:.0%} of the size of '{small.name}': give it in the "
-                    "unit of the coordinates"
-                )
 
     def _run_through(self) -> dict[tuple[str, str], str]:
         of = {solid.name: solid for solid in self.solids}

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -12,12 +12,18 @@ from . import settings as declared
 from .bodies import Body, Solid, shares
 from .cleaning import distinct_nodes
 from .crew import together
+from .findings import Finding
 from .limits import require_nodes
 from .mesh import Surface
 from .overclosure_check import same_surface
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError
+from .separation import thickness
 
+WIDEST = 0.2
+"""Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
+THICK, COARSE = 1.5, 4.0
+"""Of the thickness and of the mean edge of a closed body that is to move: a gap above both is too."""
 MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
 
 
@@ -51,3 +57,30 @@ def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Sol
 def band_of(solids: Sequence[Solid], settings: OverclosureSettings) -> float:
     """Return how far apart pairs are listed: as set, or the median of the bodies' mean edges."""
     return settings.band or float(np.median([solid.surface.mean_edge for solid in solids]))
+
+
+def check_gaps(solids: Sequence[Solid], findings: Iterable[Finding]) -> None:
+    """Refuse a gap in another unit: bodies that are thinned by it would be certified.
+
+    Raises
+    ------
+    FemorsError
+        Of a pair that is not clear, and of which a body is to move.
+    """
+    of = {solid.name: solid for solid in solids}
+    unit = "give it in the unit of the coordinates"
+    for finding in findings:
+        both = [of[name] for name in finding.names]
+        if finding.clear or not any(solid.share for solid in both):
+            continue
+        words, small = f"the gap, {finding.gap:g}, is", min(both, key=lambda solid: solid.surface.diagonal)
+        share = finding.gap / small.surface.diagonal
+        if share > WIDEST:
+            raise FemorsError(f"{words} {share:.0%} of the size of '{small.name}': {unit}")
+        for solid in both:
+            thick = 0.0 if solid.open_edges or not solid.share else thickness(solid.surface)
+            if thick and finding.gap > max(THICK * thick, COARSE * solid.edge):
+                raise FemorsError(
+                    f"{words} {finding.gap / thick:.1f} times the thickness of '{solid.name}', which would "
+                    f"be thinned by it: {unit}"
+                )
