@@ -86,12 +86,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
         try:
             one = _predicted(source, aim, mark, settings, steer, args.project, step)
         except FemorsError as error:
-            raise FemorsError(_with_file(str(error), name, target, False)) from None
+            raise FemorsError(_with_file(str(error), name, target, len(sources) > 1)) from None
         found.append(one)
         notes += [_with_file(note, name, target) for note in one.notes]
         faults += [f"{csv}: {fault}" for fault in one.units] + [f"{name}: {fault}" for fault in one.faults]
     console.end_progress()
     median, missing = landmarks.median_of([one.prediction for one in found])
+    faults += median.disagreeing(found[0].size)
     if args.project and len(found) > 1:
         median = _laid_on(median, aim)
     whole = marks[0] if median.names == marks[0].labels else Landmarks(median.points, median.names)

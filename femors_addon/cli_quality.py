@@ -65,7 +65,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise FemorsError(_with_file(str(error), args)) from None
     console.end_progress()
     found = dataclasses.replace(found, notes=tuple(_with_file(note, args) for note in found.notes))
-    faults = faults_of(found)
+    faults = faults_of(found, surface)
     report = {"femors": version(), "files": {"mesh": args.source, "other": args.other}, "faults": faults}
     report |= {f"{k}_counted" if k == "faults" else k: v for k, v in found.as_dict().items()}
     if args.report is not None:
@@ -105,13 +105,19 @@ def _with_file(text: str, args: argparse.Namespace) -> str:
     return text
 
 
-def faults_of(found: Examination) -> list[str]:
-    """Return what is wrong with a mesh, in words."""
-    inverted = 0 if found.elements is None else found.elements.inverted
-    counts = {
-        ("face crosses others", "faces cross others"): len(found.self_intersecting),
-        ("face is folded over", "faces are folded over"): len(found.folded),
-        ("face has no area", "faces have no area"): len(found.degenerate),
-        ("element is inverted", "elements are inverted"): inverted,
+def faults_of(found: Examination, surface: Surface) -> list[str]:
+    """Return what is wrong with a mesh, in words, and where the first of each is."""
+    faces = {
+        ("face crosses others", "faces cross others"): found.self_intersecting,
+        ("face is folded over", "faces are folded over"): found.folded,
+        ("face has no area", "faces have no area"): found.degenerate,
     }
-    return [counted(count, *words) for words, count in counts.items() if count]
+    out = []
+    for words, rows in faces.items():
+        if len(rows):
+            place = ", ".join(f"{x:.4g}" for x in surface.corners[rows[0]].mean(axis=0))
+            out.append(f"{counted(len(rows), *words)} (first: at ({place}))")
+    if found.elements is not None and found.elements.inverted:
+        inverted = counted(found.elements.inverted, "element is inverted", "elements are inverted")
+        out.append(f"{inverted} (most of all: {found.elements.worst})")
+    return out

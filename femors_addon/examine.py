@@ -170,6 +170,7 @@ class Examination:
             ("scaled Jacobian", str(self.scaled_jacobian)),
             ("self-intersecting faces", str(len(self.self_intersecting))),
             ("folded, without area", f"{len(self.folded)}, {len(self.degenerate)}"),
+            ("slender faces", str(len(self.slender))),
         ]
         if self.elements is not None:
             rows.append(("elements: scaled Jacobian", str(self.elements)))

@@ -71,6 +71,16 @@ class Prediction:
             f"{'is a guess' if len(rows) == 1 else 'are guesses'}: {_with(self.names, self.residual, rows)}"
         ]
 
+    def disagreeing(self, size: float) -> list[str]:
+        """Return faults of landmarks that templates put in quite different places: a sentence, or nothing."""
+        rows = np.flatnonzero(self.spread > FAR * size)
+        if not len(rows):
+            return []
+        words = counted(len(rows), "landmark is", "landmarks are")
+        return [
+            f"{words} put in quite different places by the templates: {_with(self.names, self.spread, rows)}"
+        ]
+
     def table(self) -> str:
         """Return the landmarks as lines for a person."""
         width = max([8, *(len(name) for name in self.names)])

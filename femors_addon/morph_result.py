@@ -178,7 +178,7 @@ class MorphResult:
         ]
         lines = [f"{'':28}{'aligned':44}{'morphed'}"]
         for label, name in rows:
-            lines.append(f"{label:28}{getattr(self.before, name)!s:44}{getattr(self.after, name)!s}")
+            lines.append(f"{label:28}{getattr(self.before, name)!s:43} {getattr(self.after, name)!s}")
         for label, name in (("flipped faces", "flipped"), ("self-intersecting faces", "self_intersecting")):
             lines.append(f"{label:28}{getattr(self.before, name):<44}{getattr(self.after, name)}")
         lines += [self.sampled] if self.sampled else []

@@ -88,7 +88,7 @@ class OverclosureResult:
         if not self.certified:
             return "NOT CERTIFIED: " + "; ".join(self.reasons)
         least = min((finding.least for finding in self.after), default=None)
-        gap = "no two bodies are near each other"
+        gap = f"no two {'other ' if self.excluded else ''}bodies are near each other"
         if least is not None:
             gap = f"the smallest gap of a node to a surface is {least if least > 1e-12 else 0.0:.5g}"
         nearer = [finding.surfaces_apart or 0.0 for finding in self.after if finding.edges_nearer]
@@ -126,7 +126,8 @@ class OverclosureResult:
 
     def summary(self) -> str:
         """Return the pairs, the bodies and the verdict, for a person."""
-        lines = ["before:", *(f"  {finding}" for finding in self.before or ("no two bodies are near",))]
+        none = f"no two {'other ' if self.excluded else ''}bodies are near"
+        lines = ["before:", *(f"  {finding}" for finding in self.before or (none,))]
         if not self.untouched:
             lines += ["after:", *(f"  {finding}" for finding in self.after)]
             lines += ["bodies:", *(f"  {body}" for body in self.bodies)]

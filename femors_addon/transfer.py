@@ -107,6 +107,10 @@ class Transfer:
             raise FemorsError("a projection needs strength 1: what goes a part of the way is on no surface")
         self.carrier, self.settings, self.own = carrier, settings, own
         self.onto = None if onto is None else SurfaceIndex(clean(onto.vertices, onto.faces, "target").surface)
+        if self.onto is not None and len(carrier.field.faces):
+            end = FieldUnit(self._after, f"surface that the field '{carrier.field.name}' ends on")
+            if faults := end.unlike(self.onto.surface.vertices)[1]:
+                raise FemorsError(f"the surface to project onto {faults[0]}")
 
     # --- points and surfaces ------------------------------------------------------------------
     def points(self, points: Float, progress: Progress = silent) -> Transferred:

@@ -56,6 +56,8 @@ class VolumeQuality:
         Sum of the elements' volumes.
     inverted : int
         Elements whose scaled Jacobian is not positive.
+    worst : int or None
+        The id of the element with the smallest scaled Jacobian; None where there is no solid element.
     """
 
     minimum: float
@@ -63,6 +65,7 @@ class VolumeQuality:
     median: float
     volume: float
     inverted: int
+    worst: int | None = None
 
     @classmethod
     def of(cls, mesh: VolumeMesh, elements: NDArray | None = None) -> VolumeQuality:
@@ -77,7 +80,8 @@ class VolumeQuality:
             return cls(1.0, 1.0, 1.0, 0.0, 0)
         low, middle = np.percentile(jacobian, [1, 50])
         count = int((jacobian <= 0).sum())
-        return cls(float(jacobian.min()), float(low), float(middle), float(volume.sum()), count)
+        worst = int(mesh.element_ids[np.flatnonzero(solid)[np.argmin(jacobian)]])
+        return cls(float(jacobian.min()), float(low), float(middle), float(volume.sum()), count, worst)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""

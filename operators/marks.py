@@ -79,6 +79,17 @@ def add(
     return collection
 
 
+def gathered(context: bpy.types.Context, title: str, items: Sequence[bpy.types.Object]) -> None:
+    """Put new objects into a new collection of their own: beside the old ones each name would stand twice."""
+    collection = bpy.data.collections.new(title)
+    context.scene.collection.children.link(collection)
+    for item in items:
+        for other in item.users_collection:
+            other.objects.unlink(item)
+        collection.objects.link(item)
+    context.view_layer.update()
+
+
 def _empty(name: str, size: float) -> bpy.types.Object:
     item = bpy.data.objects.new(name, None)
     item.empty_display_type, item.empty_display_size = "SPHERE", size

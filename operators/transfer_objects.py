@@ -75,6 +75,9 @@ class ObjectsTransfer:
             for row, (after, name) in enumerate(zip(copies, got.marks.names, strict=True)):
                 marks.note(after, name, {key: column[row] for key, column in columns.items()})
             transfer_write.table(form, self._field, got.marks)
+        empties = [copy for copy in made if copy.type == "EMPTY"]
+        if empties:
+            marks.gathered(context, f"{self._field} landmarks", empties)
         after = [item.name for item in (made or items)]
         pairs = dict(zip([name for name, _, _ in self._before], after, strict=True))
         onto = None if self._target is None else self._target.name

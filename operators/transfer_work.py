@@ -173,6 +173,8 @@ def groups(
     if regions:
         report["regions"] = region_rows(regions)
     notes += missing
+    if marks is not None and first is not None:
+        notes += marks.disagreeing(first.carrier.size)
     return Groups(marks, nearest, missed, heavy, regions, notes, {**report, "notes": notes})
 
 

@@ -42,7 +42,7 @@ def test_faults_give_code_1_and_a_line_each(bones, capsys):
     meshfiles.write(bad, MeshFile(moved, np.full(len(made.faces), 3), made.faces.ravel()))
     code, _, err = run(capsys, "quality", bad, "--quiet")
     assert code == 1
-    assert "faces cross others" in err
+    assert "faces cross others (first: at (" in err
 
 
 def test_notes_name_the_file(bones, capsys):

@@ -73,3 +73,14 @@ def test_landmarks_carried_already_are_not_in_another_unit():
     assert transfer.unit.of_landmarks(marks), "so it would be told"
     (fault,) = transfer.of_landmarks(transfer.points(marks), marks, names).faults
     assert "already" in fault and "inverse" in fault
+
+
+def test_of_several_templates_the_wrong_one_is_named(files, capsys):
+    meshfiles.write(files / "metres.ply", MeshFile.of(BONE.moved(0.001 * BONE.vertices)))
+    marks = files / "marks.csv"
+    code, _, err = run(
+        *(capsys, "landmarks", files / "target.ply", "--template", files / "bone.ply", marks),
+        *("--template", files / "metres.ply", marks, "-o", files / "found.csv"),
+    )
+    assert code == 2 and "metres.ply: the source seems to be in another unit" in err, err
+    assert not (files / "found.csv").exists()

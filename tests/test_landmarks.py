@@ -56,6 +56,15 @@ def test_a_landmark_that_the_target_does_not_show_is_a_guess():
     assert both.unseen(100.0)[0].endswith("are guesses: 'b' (50), 'a' (6)")
 
 
+def test_templates_that_disagree_are_told():
+    three = [one({"a": (x, 0, 0), "b": (1, x, 1)}) for x in (0.0, 1.0, 10.0)]
+    got = median_of(three)[0]  # the middle one is 1 from the median of all in the median
+    assert got.disagreeing(30.0) == [
+        "2 landmarks are put in quite different places by the templates: 'a' (1), 'b' (1)"
+    ]
+    assert got.disagreeing(40.0) == [] == three[0].disagreeing(1e-9)
+
+
 def test_the_table_has_no_minus_before_nothing():
     assert "-0.000" not in one({"a": (-1e-9, 0, 0)}, distance=np.array([-2e-5])).table()
 

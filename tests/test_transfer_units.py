@@ -5,9 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fieldcases import BONE
+from fieldcases import BONE, CARRIER, TARGET
 
+from femors_addon.mesh import Surface
 from femors_addon.nearest import SurfaceIndex
+from femors_addon.progress import FemorsError
+from femors_addon.transfer import Transfer
+from femors_addon.transfer_settings import TransferSettings
 from femors_addon.transfer_units import UNITS, FieldUnit
 
 ON_IT = BONE.moved(BONE.vertices - BONE.vertices[10])  # the origin lies on it, so all in metres does too
@@ -58,6 +62,14 @@ def test_landmarks_in_other_axes_are_told(unit, factor):
     assert f"x and y of the other sign{also}: probably in other axes (LPS, RAS)" in fault
     if factor == 1.0:
         assert len(unit.of_landmarks(turn * marks[:4])) == 1 and not unit.of_landmarks(turn * marks[:3])
+
+
+@pytest.mark.parametrize("factor", [0.001, 1000.0])
+def test_a_surface_to_project_onto_is_in_the_unit_of_the_field(factor):
+    with pytest.raises(FemorsError, match=r"the surface to project onto is 1000 times .*in another unit"):
+        Transfer(CARRIER, TransferSettings(), TARGET.moved(factor * TARGET.vertices))
+    part = TARGET.faces[(TARGET.vertices[TARGET.faces][:, :, 2] > np.median(TARGET.vertices[:, 2])).all(1)]
+    Transfer(CARRIER, TransferSettings(), Surface(TARGET.vertices, part))
 
 
 def test_three_landmarks_tell_their_unit_and_two_do_not(unit):

@@ -137,7 +137,8 @@ def test_quality_of_some_elements():
     assert whole.volume == pytest.approx(8)
     assert whole.minimum < some.minimum
     assert some.inverted == 0
-    assert set(whole.as_dict()) == {"minimum", "p01", "median", "volume", "inverted"}
+    assert set(whole.as_dict()) == {"minimum", "p01", "median", "volume", "inverted", "worst"}
+    assert scaled_jacobians(mesh)[whole.worst - 1] == whole.minimum and mesh.element_ids[0] == 1
     assert VolumeQuality.of(mesh_of("tri3", TET[:3])).volume == 0
 
 

@@ -151,6 +151,8 @@ def test_empties_that_are_carried_are_landmarks(morphed, tools, truth):
     assert [mark.name for mark in marks] == ["a", "b"]
     assert marks["b"].distance > 30 and abs(marks["a"].distance) < 1e-4
     copy = bpy.data.objects["a carried"]
+    (group,) = copy.users_collection
+    assert [item.name for item in group.objects] == ["a carried", "b carried"]
     assert copy["femors_landmark"] == "a" and copy["femors_stretch"] == pytest.approx(marks["a"].stretch)
 
 
