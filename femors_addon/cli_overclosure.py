@@ -116,25 +116,24 @@ def _check(
     options: dict[str, Any] = {"exclude": exclude, "gaps": gaps, "tell": notes.append}
     found = check_overclosure(bodies, settings, console.progress, **options)
     console.end_progress()
+    bad = sum(not finding.clear for finding in found)
+    spared = f" ({counted(len(exclude), 'excluded pair')} not looked at)" if exclude else ""
+    words = counted(bad, "pair overlaps or is too near", "pairs overlap or are too near")
+    verdict = (words if bad else f"no overclosure among {len(bodies)} bodies") + spared
     if args.report is not None:
         names = {"bodies": [body.name for body in bodies], "sources": args.sources}
         pairs = [finding.as_dict() for finding in found]
-        report = {"femors": version, "files": names, "clear": all(f.clear for f in found), "pairs": pairs}
+        report = {"femors": version, "files": names, "clear": not bad, "verdict": verdict, "pairs": pairs}
         report["excluded"] = [{"one": one, "two": two} for one, two in exclude]
         report["warnings"] = notes
+        report["settings"] = {"gap": settings.gap}
         deepest = max((finding.depth for finding in found), default=0.0)
         figures = functools.partial(overclosure_figures, bodies, None, deepest, exclude)
         files.write_bytes(args.report, _encoded(args, len(bodies), report, figures))
         console.written = True
     for finding in found:
         console.say(str(finding))
-    bad = sum(not finding.clear for finding in found)
-    spared = f" ({counted(len(exclude), 'excluded pair')} not looked at)" if exclude else ""
-    if bad:
-        words = counted(bad, "pair overlaps or is too near", "pairs overlap or are too near")
-        console.warn(words + spared)
-    else:
-        console.say(f"no overclosure among {len(bodies)} bodies{spared}")
+    (console.warn if bad else console.say)(verdict)
     for note in () if args.quiet else notes:  # last: one may say what the line above is worth
         console.warn(f"note: {note}")
     return IMPERFECT if bad else DONE

@@ -117,6 +117,21 @@ def bar(name: str, low: float, high: float, label: str) -> str:
     )
 
 
+def key(inks: Mapping[str, Sequence[float]]) -> str:
+    """Return the legend of things that have a colour each: red, green and blue from 0 to 1 by their names."""
+    parts = []
+    for row, (name, ink) in enumerate(inks.items()):
+        red, green, blue = (round(255 * share) for share in ink)
+        top = 6 + 20 * row
+        parts.append(f'<rect x="20" y="{top}" width="14" height="14" fill="rgb({red},{green},{blue})"/>')
+        parts.append(f'<text x="42" y="{top + 11}">{escape(name)}</text>')
+    height = 12 + 20 * len(inks)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 440 {height}" width="440" height="{height}" '
+        f'font-size="11" font-family="sans-serif">{"".join(parts)}</svg>'
+    )
+
+
 def number(value: float) -> str:
     """Return a number for an axis or a table, in four significant digits at most."""
     if value == 0 or abs(value) < 1e-12:

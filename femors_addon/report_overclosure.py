@@ -11,12 +11,15 @@ from .bodies import Body
 from .mesh import Float, Int, Surface
 from .overclosure_check import gap_map
 from .picture import BONE, Look, facing, views
-from .plots import histogram
+from .plots import histogram, key
 from .report_figures import SOURCE, TARGET, from_all, heat_pictures, with_unit
 from .report_html import Figure, Item, Section
 
 NEAREST = 1.0  # per cent of a body's vertices: those nearest another body are to be seen
-COLOURS = (BONE, TARGET, SOURCE, (0.45, 0.66, 0.38), (0.72, 0.60, 0.75))
+COLOURS = (
+    *(BONE, TARGET, SOURCE, (0.45, 0.66, 0.38), (0.72, 0.60, 0.75), (0.82, 0.47, 0.42), (0.36, 0.62, 0.64)),
+    *((0.90, 0.78, 0.35), (0.52, 0.46, 0.66), (0.62, 0.62, 0.60)),
+)
 MOST = 6  # bodies that have pictures of their own
 EDGES = 3.0  # mean edges around a body in which gaps are shown, or
 DEEP = 1.5  # times the deepest overlap, where that is more
@@ -54,7 +57,7 @@ def overclosure_figures(
         gaps[state] = gap_map(placed, reach, exclude=exclude)
     items, told = _together(shapes, states), []
     spread: list[Figure] = []
-    for body in before:
+    for body in sorted(before, key=lambda one: float(gaps["before"][one.name].min())):  # the deepest first
         surface, rows = shapes[body.name]
         nodes = {state: places[body.name] for state, places in states.items()}
         moved = np.linalg.norm(nodes.get("after", body.nodes) - body.nodes, axis=1)
@@ -69,7 +72,9 @@ def overclosure_figures(
             items += _alone(body.name, surface, places, moved[rows], on, unit)
         spread += _spread(body.name, moved, {state: v[v < reach] for state, v in gap.items()}, unit)
     if len(told) > MOST:
-        items.append(f"Pictures of the first {MOST} of {len(told)} bodies that touch others or were moved.")
+        items.append(
+            f"Pictures of {MOST} of {len(told)} bodies that touch others or were moved, deepest first."
+        )
     return [Section("Pictures", tuple(items)), Section("Distributions", tuple(spread))]
 
 
@@ -83,8 +88,8 @@ def _together(
     for state, nodes in states.items():
         together = [surface.moved(nodes[name][rows]) for name, (surface, rows) in shapes.items()]
         looks = [Look.of(together, sight) for sight in sights]
-        items += from_all(looks, colours, f"All bodies {state}")
-    return items
+        items += from_all(looks, colours, f"All bodies {state}" if len(states) > 1 else "All bodies")
+    return [*items, Figure(key(dict(zip(shapes, colours, strict=True))), "Which is which.")]
 
 
 def _alone(

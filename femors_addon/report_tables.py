@@ -46,6 +46,9 @@ WORDS = {
     "dice": "Dice coefficient",
     "inverted_on_input": "Elements inverted before (ids)",
     "newly_inverted": "Elements newly inverted (ids)",
+    "least": "Least distance",
+    "over": "Nodes too near, of each",
+    "where": "Deepest at",
     "mesh_name": "Mesh",
     "other_name": "Compared with",
 }

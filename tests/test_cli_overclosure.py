@@ -169,6 +169,7 @@ def test_the_page_shows_the_bodies_before_and_after(folder, capsys):
         text = page.read_text()
         assert text.count("<img") == 2 * 2 + len(names) * 3 * 2
         assert "All bodies before" in text and "All bodies after, a quarter turn on" in text
+        assert "Which is which." in text
         for name in names:
             assert f"{name}: how far its nodes were moved." in text
             assert f"{name}, after: gap to the nearest other body" in text
@@ -186,7 +187,8 @@ def test_the_check_writes_nothing_but_its_report(folder, capsys):
     assert "far" not in said.out
     assert sorted(folder.iterdir()) == sorted([*before, folder / "r.json"])
     report = json.loads((folder / "r.json").read_text())
-    assert report["clear"] is False
+    assert report["clear"] is False and report["verdict"] == "1 pair overlaps or is too near"
+    assert report["settings"] == {"gap": 0.01}
     assert report["pairs"][0]["depth"] == pytest.approx(2.8, abs=0.4)  # of flat faces
 
 
