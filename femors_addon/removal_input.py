@@ -15,15 +15,20 @@ from .crew import together
 from .findings import Finding
 from .limits import require_nodes
 from .mesh import Surface
+from .nearest import SurfaceIndex
 from .overclosure_check import same_surface
 from .overclosure_settings import OverclosureSettings
 from .progress import FemorsError
 from .separation import thickness
+from .transfer_units import LARGEST, SAMPLE, UNITS
 
 WIDEST = 0.2
 """Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
 THICK, COARSE = 1.5, 4.0
 """Of the thickness and of the mean edge of a closed body that is to move: a gap above both is too."""
+TINY = 100.0  # times smaller than the largest body: a body may be in another unit
+PART, BESIDE = 0.02, 0.1
+"""Of the largest body's size: the size of what is a part of its joint, and how near it lies in the median."""
 MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
 
 
@@ -45,6 +50,7 @@ def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Sol
     solids = together(
         [partial(Solid, body, share) for body, share in zip(bodies, shares(list(bodies)), strict=True)]
     )
+    _check_units(solids)
     for i, one in enumerate(solids):
         for two in solids[:i]:
             if same_surface(one, two):
@@ -52,6 +58,33 @@ def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Sol
                     f"'{two.name}' and '{one.name}' are copies of one surface in one place: leave one out"
                 )
     return solids
+
+
+def _check_units(solids: Sequence[Solid]) -> None:
+    """Refuse bodies a hundred times smaller than the largest that would lie beside it in another unit.
+
+    They are near nothing as they are, and a check of them would find nothing.
+    """
+    large = max(solids, key=lambda solid: solid.surface.diagonal)
+    for small in solids:
+        ratio = large.surface.diagonal / small.surface.diagonal
+        factors = [one for one in UNITS if PART <= one / ratio <= LARGEST] if ratio >= TINY else []
+        for factor in factors:
+            if _beside(large, small, factor):
+                times = f"{factor:g} times larger ({UNITS[factor]} differ so)"
+                raise FemorsError(
+                    f"'{small.name}' is {ratio:.4g} times smaller than '{large.name}', and would lie beside it, "
+                    f"were it {times}: give both in one unit"
+                )
+
+
+def _beside(large: Solid, small: Solid, factor: float) -> bool:
+    """Whether, with the small one times a factor, the smaller lies beside the larger of the two."""
+    one, two = small.vertices * factor, large.surface
+    if factor * small.surface.diagonal > large.surface.diagonal:
+        one, two = large.vertices / factor, small.surface
+    away = SurfaceIndex(two).closest(one[:: max(len(one) // SAMPLE, 1)]).distance
+    return bool(np.median(away) <= BESIDE * two.diagonal)
 
 
 def band_of(solids: Sequence[Solid], settings: OverclosureSettings) -> float:

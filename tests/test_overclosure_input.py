@@ -317,7 +317,7 @@ def test_what_rounding_adds_to_the_gap_far_from_the_origin_is_told():
 
 def test_a_body_in_another_unit_is_told_once():
     told: list[str] = []
-    bodies = [Body("large", sphere(2, 1000.0)), Body("small", sphere(2, 1.0))]
+    bodies = [Body("large", sphere(2, 1000.0)), Body("small", sphere(2, 1.0, (100.0, 0.0, 0.0)))]
     check_overclosure(bodies, OverclosureSettings(gap=0.5), tell=told.append)
     assert ["unit of length?" in note for note in told] == [True], told
     told.clear()
