@@ -73,8 +73,8 @@ def _check_units(solids: Sequence[Solid]) -> None:
             if _beside(large, small, factor):
                 times = f"{factor:g} times larger ({UNITS[factor]} differ so)"
                 raise FemorsError(
-                    f"'{small.name}' is {ratio:.4g} times smaller than '{large.name}', and would lie beside it, "
-                    f"were it {times}: give both in one unit"
+                    f"'{small.name}' is {ratio:.4g} times smaller than '{large.name}', and would lie beside "
+                    f"it, were it {times}: give both in one unit"
                 )
 
 
