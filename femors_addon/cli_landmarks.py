@@ -154,7 +154,7 @@ def _predicted(
     # where they are in another unit that explains all else that is odd of them
     far = [] if units else landmarks.far_ones(marks.labels, moved.distance, carrier.size)
     notes, faults = [*result.warnings, *far], [*([] if units else moved.faults), *result.faults]
-    faults += prediction.unseen(carrier.size)
+    faults += [] if units else prediction.unseen(carrier.size)
     if result.steering is not None:
         notes.append(result.steering.sentence())
         faults += result.steering.faults

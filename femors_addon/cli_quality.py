@@ -119,5 +119,5 @@ def faults_of(found: Examination, surface: Surface) -> list[str]:
             out.append(f"{counted(len(rows), *words)} (first: at ({place}))")
     if found.elements is not None and found.elements.inverted:
         inverted = counted(found.elements.inverted, "element is inverted", "elements are inverted")
-        out.append(f"{inverted} (most of all: {found.elements.worst})")
+        out.append(f"{inverted} (most of all: element {found.elements.worst})")
     return out

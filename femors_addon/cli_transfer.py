@@ -146,7 +146,7 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
                 transfer.carrier, marks.labels, marks.points, moved.points, moved.projected
             )
         moved = transfer.of_landmarks(moved, marks.points, marks.labels)
-        if prediction is not None:
+        if prediction is not None and not moved.faults and transfer.settings.strength > 0:
             unseen = prediction.unseen(transfer.carrier.size)
             moved = dataclasses.replace(moved, faults=(*moved.faults, *unseen))
         content = {Path(out): landmarkfiles.encoded(out, marks.with_points(moved.points))}
@@ -163,7 +163,7 @@ def _transferred(transfer: Transfer, path: str, out: str, progress: Progress) ->
         written = deckfiles.written(thing.with_coordinates(moved.points), Path(out))
     sizes, units = transfer.unit.unlike(before)
     notes = [note for note in moved.notes if not (sizes or units) or note not in transfer.unit.small(before)]
-    notes += [*sizes, *([] if units else transfer.unseen(before)), *written.notes]
+    notes += [*sizes, *([] if units or moved.faults else transfer.unseen(before)), *written.notes]
     moved = dataclasses.replace(moved, notes=tuple(notes), faults=tuple(units) or moved.faults)
     return _Output(path, written.files, moved, None, lambda: carried(before, world, (), _faces(thing)))
 

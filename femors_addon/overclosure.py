@@ -93,7 +93,7 @@ def remove_overclosure(
     ------
     FemorsError
         Fewer than two bodies, a name twice, a mesh that is no surface, two copies of one surface,
-        settings outside their limits; a gap above a fifth of a body that it would move; more memory needed
+        settings outside their limits, bodies in two units, a gap that is wide for a body; more memory needed
         than is allowed.
     Cancelled
         From `progress`.

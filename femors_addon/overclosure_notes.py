@@ -92,20 +92,22 @@ def afterwards(
     solids: Sequence[Solid],
     excluded: Sequence[Excluded],
     efforts: Sequence[Effort],
+    before: Sequence[Finding],
 ) -> Iterator[str]:
     """Say what a removal did beside what it was for: folds, bodies changed much, pairs pushed elsewhere."""
     yield from _folds(bodies)
     yield from _changes(bodies, solids)
     yield from _deeper(excluded)
+    parted = {finding.names for finding in before if not finding.clear}
     if any(body.moved for body in bodies):
-        yield from _rounded(efforts)
+        yield from _rounded([one for one in efforts if one.pair.names in parted and one.pair.gap > 0])
 
 
 def _rounded(efforts: Sequence[Effort]) -> Iterator[str]:
     """Tell where bodies are so far from the origin that single precision costs more than half of the gap."""
 
     def cost(effort: Effort) -> float:
-        return effort.margin / (effort.pair.gap or 1e-3 * effort.size)
+        return effort.margin / effort.pair.gap
 
     worst = max(efforts, key=cost, default=None)
     if worst is not None and cost(worst) > ROUNDED:

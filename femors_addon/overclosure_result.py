@@ -192,7 +192,7 @@ def result_of(
         settings=settings,
         history=history,
         spread=max((effort.widest for effort in efforts), default=0.0),
-        notes=(*notes, *afterwards(bodies, solids, excluded, efforts)),
+        notes=(*notes, *afterwards(bodies, solids, excluded, efforts, before)),
         losses=tuple(losses_of(bodies, solids)),
         excluded=tuple(excluded),
     )

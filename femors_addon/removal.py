@@ -92,7 +92,7 @@ class Removal:
         Raises
         ------
         FemorsError
-            Every body rigid; a gap of more than a fifth of a body that it would move.
+            Every body rigid; a gap that is wide for a body, see `check_gaps`.
         Cancelled
             From `progress`.
         """

@@ -24,11 +24,13 @@ from .transfer_units import LARGEST, SAMPLE, UNITS
 
 WIDEST = 0.2
 """Of the smaller body's size: a gap above it is one in another unit; the note begins at half of it."""
-THICK, COARSE = 1.5, 4.0
-"""Of the thickness and of the mean edge of a closed body that is to move: a gap above both is too."""
+THICK, COARSE, LEAST = 1.5, 2.5, 0.05
+"""Of the thickness, the mean edge and the size of a closed body that is to move: a gap above all is too."""
 TINY = 100.0  # times smaller than the largest body: a body may be in another unit
-PART, BESIDE = 0.02, 0.1
-"""Of the largest body's size: the size of what is a part of its joint, and how near it lies in the median."""
+PART = 0.08  # of the largest body's size: the least size of what is a part of its joint
+MOST = 90.0  # per cent of such a body: a cartilage lies along its bone, and no bead does
+BESIDE, BETTER = 0.2, 0.1
+"""Of its own size: how near most of such a body lies, and of that share as it is given."""
 MEMORY_LEAST, MEMORY_NODE = 10e6, 2.6e3  # bytes: what a removal was measured to take, and per node of all
 
 
@@ -61,30 +63,37 @@ def solids_of(bodies: Sequence[Body], settings: OverclosureSettings) -> list[Sol
 
 
 def _check_units(solids: Sequence[Solid]) -> None:
-    """Refuse bodies a hundred times smaller than the largest that would lie beside it in another unit.
+    """Refuse bodies a hundred times smaller than the largest that would lie along it in another unit.
 
-    They are near nothing as they are, and a check of them would find nothing.
+    They are near nothing as they are, and a check of them would find nothing. A bead or a pin may be as
+    small, and anywhere: what counts is how near a body lies as a share of its size.
     """
     large = max(solids, key=lambda solid: solid.surface.diagonal)
+    index = None
     for small in solids:
         ratio = large.surface.diagonal / small.surface.diagonal
         factors = [one for one in UNITS if PART <= one / ratio <= LARGEST] if ratio >= TINY else []
-        for factor in factors:
-            if _beside(large, small, factor):
-                times = f"{factor:g} times larger ({UNITS[factor]} differ so)"
-                raise FemorsError(
-                    f"'{small.name}' is {ratio:.4g} times smaller than '{large.name}', and would lie beside "
-                    f"it, were it {times}: give both in one unit"
-                )
+        if not factors:
+            continue
+        index = index or SurfaceIndex(large.surface)
+        shares = [_share(large, index, small, factor) for factor in (1.0, *factors)]
+        factor = factors[int(np.argmin(shares[1:]))]
+        if min(shares[1:]) <= min(BESIDE, BETTER * shares[0]):
+            times = f"{factor:g} times larger ({UNITS[factor]} differ so)"
+            raise FemorsError(
+                f"'{small.name}' is {ratio:.4g} times smaller than '{large.name}', and would lie beside it, "
+                f"were it {times}: give both in one unit"
+            )
 
 
-def _beside(large: Solid, small: Solid, factor: float) -> bool:
-    """Whether, with the small one times a factor, the smaller lies beside the larger of the two."""
-    one, two = small.vertices * factor, large.surface
-    if factor * small.surface.diagonal > large.surface.diagonal:
-        one, two = large.vertices / factor, small.surface
-    away = SurfaceIndex(two).closest(one[:: max(len(one) // SAMPLE, 1)]).distance
-    return bool(np.median(away) <= BESIDE * two.diagonal)
+def _share(large: Solid, index: SurfaceIndex, small: Solid, factor: float) -> float:
+    """Return how far most of the smaller body is from the larger, by its size, `small` being scaled."""
+    points, size = small.vertices * factor, small.surface.diagonal * factor
+    if size > large.surface.diagonal:
+        points, size = large.vertices / factor, large.surface.diagonal / factor
+        index = SurfaceIndex(small.surface)
+    away = index.closest(points[:: max(len(points) // SAMPLE, 1)]).distance
+    return float(np.percentile(away, MOST)) / size
 
 
 def band_of(solids: Sequence[Solid], settings: OverclosureSettings) -> float:
@@ -112,8 +121,9 @@ def check_gaps(solids: Sequence[Solid], findings: Iterable[Finding]) -> None:
             raise FemorsError(f"{words} {share:.0%} of the size of '{small.name}': {unit}")
         for solid in both:
             thick = 0.0 if solid.open_edges or not solid.share else thickness(solid.surface)
-            if thick and finding.gap > max(THICK * thick, COARSE * solid.edge):
+            least = max(THICK * thick, COARSE * solid.edge, LEAST * solid.surface.diagonal)
+            if thick and finding.gap > least:
                 raise FemorsError(
                     f"{words} {finding.gap / thick:.1f} times the thickness of '{solid.name}', which would "
-                    f"be thinned by it: {unit}"
+                    f"be thinned by it: {unit}, or hold it rigid"
                 )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -78,12 +79,20 @@ def overclosure_figures(
     return [Section("Pictures", tuple(items)), Section("Distributions", tuple(spread))]
 
 
+def _colour(number: int) -> tuple[float, float, float]:
+    """Return a colour for each body; beyond those that were chosen by the golden section of the wheel."""
+    if number < len(COLOURS):
+        return COLOURS[number]
+    hue, vivid, bright = 0.618034 * number % 1.0, (0.35, 0.55)[number % 2], (0.65, 0.8, 0.9)[number % 3]
+    return colorsys.hsv_to_rgb(hue, vivid, bright)
+
+
 def _together(
     shapes: Mapping[str, tuple[Surface, Int]], states: Mapping[str, Mapping[str, Float]]
 ) -> list[Item]:
     """Return pictures of all bodies in each state."""
     sights = views([surface for surface, _ in shapes.values()])
-    colours = [COLOURS[number % len(COLOURS)] for number in range(len(shapes))]
+    colours = [_colour(number) for number in range(len(shapes))]
     items: list[Item] = []
     for state, nodes in states.items():
         together = [surface.moved(nodes[name][rows]) for name, (surface, rows) in shapes.items()]

@@ -46,6 +46,7 @@ WORDS = {
     "dice": "Dice coefficient",
     "inverted_on_input": "Elements inverted before (ids)",
     "newly_inverted": "Elements newly inverted (ids)",
+    "worst": "Worst element (id)",
     "least": "Least distance",
     "over": "Nodes too near, of each",
     "where": "Deepest at",

@@ -65,7 +65,7 @@ def lead(
     size, pairs = target.diagonal, pairs.seen_on(source, target)
     if kind == "none":
         plain = align(source, target, kind, progress=progress, **options)
-        return plain, pairs.after(plain.matrix, size, NEAR_UNALIGNED)
+        return plain, _unless_most_are_wrong(pairs.after(plain.matrix, size, NEAR_UNALIGNED))
     believed = pairs.source[pairs.good], pairs.target[pairs.good]
     step = part(progress, 0.0, 0.4)
     led = align(source, target, kind, landmarks=believed, progress=step, **options)
@@ -82,12 +82,17 @@ def lead(
             f"{free_fit:.3g}): the alignment goes by the surfaces alone"
         )
         pairs = dataclasses.replace(pairs, notes=(words, *pairs.notes))
-    pairs = pairs.after(free.matrix, size, NEAR)
-    if 2 * pairs.good.sum() < len(pairs.good):
-        words = "most pairs of landmarks do not fit the surfaces; are they of these meshes, in their frame?"
-        none = np.zeros(len(pairs.good), dtype=bool)  # what is left may be near by chance
-        pairs = dataclasses.replace(pairs, good=none, faults=(*pairs.faults, words))
-    return free, pairs
+    return free, _unless_most_are_wrong(pairs.after(free.matrix, size, NEAR))
+
+
+def _unless_most_are_wrong(pairs: Pairs) -> Pairs:
+    """Believe none of pairs of which most are wrong: what is left may be near by chance."""
+    if 2 * pairs.good.sum() >= len(pairs.good):
+        return pairs
+    words = "most pairs of landmarks do not fit the surfaces; are they of these meshes, in their frame?"
+    return dataclasses.replace(
+        pairs, good=np.zeros(len(pairs.good), dtype=bool), faults=(*pairs.faults, words)
+    )
 
 
 def _fit(matrix: Float, source: Surface, target: Surface, partial: str) -> float:

@@ -109,7 +109,7 @@ class Transfer:
         self.onto = None if onto is None else SurfaceIndex(clean(onto.vertices, onto.faces, "target").surface)
         if self.onto is not None and len(carrier.field.faces):
             end = FieldUnit(self._after, f"surface that the field '{carrier.field.name}' ends on")
-            if faults := end.unlike(self.onto.surface.vertices)[1]:
+            if self._elsewhere and (faults := end.unlike(self.onto.surface.vertices)[1]):
                 raise FemorsError(f"the surface to project onto {faults[0]}")
 
     # --- points and surfaces ------------------------------------------------------------------
@@ -121,7 +121,7 @@ class Transfer:
             out = dataclasses.replace(out, points=place.point, projected=place.distance)
         elif self._whole:
             out = self._on_their_side(out, self._after)
-        return self._with_words(out, points)
+        return self.with_words(out, points)
 
     @property
     def _whole(self) -> bool:
@@ -197,7 +197,7 @@ class Transfer:
         goal = transformed(matrix, mesh.nodes)
         base = mesh.nodes + self.settings.strength * (goal - mesh.nodes)
         nodes, held, held_by = kept_valid(mesh.moved(base), out.points, scaled_jacobians(mesh) > 0)
-        out = self._with_words(dataclasses.replace(out, points=nodes), mesh.nodes)
+        out = self.with_words(dataclasses.replace(out, points=nodes), mesh.nodes)
         if len(held):
             note = (
                 f"{counted(len(held), 'node')} held back by up to {held_by:.3g}, so that no "
@@ -226,7 +226,8 @@ class Transfer:
         return -out if inward else out
 
     # --- words --------------------------------------------------------------------------------
-    def _with_words(self, out: Transferred, points: Float) -> Transferred:
+    def with_words(self, out: Transferred, points: Float) -> Transferred:
+        """Return points (p, 3) that were carried with what is to be said of them."""
         size, away = self.carrier.size, np.abs(out.distance)
         notes, faults = list(out.notes), list(out.faults)
         here, there = ("target", "source") if self.settings.inverse else ("source", "target")
@@ -275,10 +276,12 @@ class Transfer:
 
     def unseen(self, points: Float) -> list[str]:
         """Return what to say of a mesh's points (p, 3): half of them are by what the target does not show."""
-        if self.settings.inverse:
+        if self.settings.inverse or self.settings.strength == 0.0:
             return []
         sample = points[:: max(len(points) // SAMPLE, 1)]
-        residual = float(np.median(self.carrier.residual_at(self.carrier.at(sample))))
+        known = self.carrier.residual_at(self.carrier.at(sample))
+        known = known[np.isfinite(known)]
+        residual = float(np.median(known)) if len(known) else 0.0
         if not residual > UNSEEN * self.carrier.size:
             return []
         return [

@@ -13,9 +13,6 @@ from . import deck_morph, fields, marks, result, scene, transfer_props, transfer
 from .job import Compute
 from .lazy import np
 
-LOST = -0.5
-"""Error of a region's area on the target, from which on it is told that the target may not show it."""
-
 
 class GroupsTransfer:
     """Mix-in of the operator: reads and writes where *Vertex Groups* are carried."""
@@ -127,8 +124,6 @@ class GroupsTransfer:
                     f" ({region.area_error:+.1%} of the carried), centroid off by {region.centroid_error:.3g}"
                 )
             parts.append(words)
-            if region.area_error < LOST:
-                faults.append(f"most of the region '{name}' is not on the target: does it show that part?")
         faults += self._passed
         faults += [f"the group '{name}' is empty and was passed over" for name in self._empty]
         renamed = [

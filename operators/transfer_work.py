@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..femors_addon.transfer_settings import TransferSettings
 
 LANDMARKS = "landmarks"
+LOST = -0.5  # error of a region's area on the target, from which on the target may not show it
 """What landmarks together are called in a report."""
 
 
@@ -157,7 +158,7 @@ def groups(
         if single:
             prediction, far = _predicted(transfer, one, single, part(step, 0.0, 0.3))
             found.append(prediction)
-            notes += far
+            notes += [f"{one.name}: {words}" if len(templates) > 1 else words for words in far]
         rest = {name: w for name, w in one.groups.items() if name not in single}
         if rest and number == 0:
             regions = _regions(carrier, one, rest, target, part(step, 0.3, 1.0))
@@ -172,6 +173,8 @@ def groups(
     report = transfer_report(first, carried, known, name)
     if regions:
         report["regions"] = region_rows(regions)
+        lost = [name for name, region in regions.items() if region.area_error < LOST]
+        notes += [f"most of the region '{it}' is not on the target: does it show that part?" for it in lost]
     notes += missing
     if marks is not None and first is not None:
         notes += marks.disagreeing(first.carrier.size)
@@ -227,7 +230,7 @@ def things(
                 moved, nodes = _elements(transfer, item, step)
             else:
                 moved, nodes = transfer.points(item.points, step), None
-            if not item.mark:  # landmarks are told together
+            if not item.mark and not moved.faults:  # landmarks are told together
                 moved = dataclasses.replace(moved, notes=(*moved.notes, *transfer.unseen(item.points)))
             out.append((moved, nodes))
         except FemorsError as error:
@@ -236,18 +239,17 @@ def things(
     known, carried = None, []
     if rows:
         marks = _gathered([items[row] for row in rows], [out[row][0] for row in rows], transfer)
-        together = transfer.of_landmarks(marks.moved, marks.before, marks.names)
-        notes += together.faults or (*together.notes, *transfer.unit.small(marks.before))
-        for row in rows:  # a fault of all explains all else that is odd of each
-            moved = out[row][0]
-            faults = () if together.faults else moved.faults
-            out[row] = dataclasses.replace(moved, notes=(), faults=faults), None
+        together = transfer.with_words(marks.moved, marks.before)
+        together = transfer.of_landmarks(together, marks.before, marks.names)
+        notes += together.faults or together.notes
+        for row in rows:  # which says it of all
+            out[row] = dataclasses.replace(out[row][0], notes=(), faults=()), None
         carried.append(marks)
         if not settings.inverse and settings.strength == 1.0:
             known = landmarks.predicted(
                 transfer.carrier, marks.names, marks.before, marks.moved.points, marks.moved.projected
             )
-            notes += known.unseen(transfer.carrier.size)
+            notes += [] if together.faults else known.unseen(transfer.carrier.size)
     for item, (moved, _) in zip(items, out, strict=True):
         if not item.mark:
             carried.append(Carried(item.name, item.points, moved, transfer.distance_after(moved.points)))

@@ -34,6 +34,10 @@ def test_landmarks_in_another_unit_are_written_and_told(files, capsys, factor):
     code, _, err = run(capsys, "transfer", files / "f.npz", files / "odd.csv", "-o", files / "out")
     assert code == 1 and words in err and err.count("\n") == 1, err
     assert (files / "out" / "odd.csv").exists()
+    unseen = np.full(len(BONE.vertices), 0.3 * BONE.diagonal)  # nor whether the target shows what is there
+    dataclasses.replace(field(), residual=unseen).save(files / "part.npz")
+    code, _, err = run(capsys, "transfer", files / "part.npz", files / "odd.csv", "-o", files / "out")
+    assert code == 1 and words in err and err.count("\n") == 1, err
     code, _, err = run(
         *(capsys, "landmarks", files / "bone.ply", files / "target.ply", files / "odd.csv"),
         *("-o", files / "found.csv"),

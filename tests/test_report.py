@@ -344,6 +344,22 @@ def test_a_page_keeps_what_vertices_at_one_place_differ_in():
     assert mesh_figures(both, None, values)[1] != mesh_figures(ball, None, one)[1]
 
 
+def test_each_body_of_a_page_has_a_colour_of_its_own():
+    spheres = [Body(f"b{n}", sphere(1, 1.0, (3.0 * n, 0.0, 0.0))) for n in range(40)]
+    pictures = overclosure_figures(spheres, None, 0.1)[0]
+    key = next(item.content for item in pictures.items if getattr(item, "caption", "") == "Which is which.")
+    assert len(set(re.findall(r"rgb\([0-9,]+\)", key))) == 40 and ">b39</text>" in key
+
+
+def test_the_deepest_bodies_have_pictures():
+    """Pairs of which the last is the deepest: more than have pictures."""
+    places = [(20.0 * n + side * (1.9 - 0.1 * n), 0.0, 0.0) for n in range(5) for side in (0, 1)]
+    bodies = [Body(f"b{row}", sphere(2, 1.0, place)) for row, place in enumerate(places)]
+    told = [item for item in overclosure_figures(bodies, None, 0.5)[0].items if isinstance(item, str)]
+    named = [one.split(",")[0] for one in told if one.startswith("b")]
+    assert {"b8", "b9", "b6", "b7"} <= set(named) and "b0" not in named, told
+
+
 def test_a_page_shows_triangles_wound_either_way_alike():
     heap = Surface(*soup())
     turned = heap.faces.copy()

@@ -70,6 +70,10 @@ def test_a_surface_to_project_onto_is_in_the_unit_of_the_field(factor):
         Transfer(CARRIER, TransferSettings(), TARGET.moved(factor * TARGET.vertices))
     part = TARGET.faces[(TARGET.vertices[TARGET.faces][:, :, 2] > np.median(TARGET.vertices[:, 2])).all(1)]
     Transfer(CARRIER, TransferSettings(), Surface(TARGET.vertices, part))
+    far = TARGET.moved(TARGET.vertices + 60.0 * TARGET.diagonal)  # a bone of a whole skeleton
+    both = np.vstack((TARGET.vertices, far.vertices))
+    faces = np.vstack((TARGET.faces, TARGET.faces + len(TARGET.vertices)))
+    Transfer(CARRIER, TransferSettings(), Surface(both, faces))
 
 
 def test_three_landmarks_tell_their_unit_and_two_do_not(unit):
