@@ -77,7 +77,7 @@ def test_missing_folder_empty_and_unknown(tmp_path, suffix):
     refused(tmp_path / f"folder{suffix}", "folder")
     refused(saved(tmp_path / f"empty{suffix}", b""), "empty")
     refused(tmp_path / "mesh.step", "'.step'", ".stl, .ply, .obj")
-    refused(tmp_path / "noending", "''")
+    refused(tmp_path / "noending", "the name has no ending", ".stl, .ply, .obj")
 
 
 PREFIXES = [
