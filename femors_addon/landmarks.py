@@ -62,24 +62,17 @@ class Prediction:
 
     def unseen(self, size: float) -> list[str]:
         """Return faults of landmarks where the target shows nothing of the source: a sentence, or nothing."""
-        rows = np.flatnonzero(self.residual > UNSEEN * size)
-        if not len(rows):
-            return []
-        words = counted(len(rows), "landmark lies", "landmarks lie")
-        return [
-            f"{words} where the target shows nothing of the source (so far away), and "
-            f"{'is a guess' if len(rows) == 1 else 'are guesses'}: {_with(self.names, self.residual, rows)}"
-        ]
+        count, those = _above(UNSEEN * size, self.names, self.residual)
+        words = counted(count, "landmark lies", "landmarks lie")
+        guess = "is a guess" if count == 1 else "are guesses"
+        where = "where the target shows nothing of the source (so far away), and"
+        return [f"{words} {where} {guess}: {those}"] if count else []
 
     def disagreeing(self, size: float) -> list[str]:
         """Return faults of landmarks that templates put in quite different places: a sentence, or nothing."""
-        rows = np.flatnonzero(self.spread > FAR * size)
-        if not len(rows):
-            return []
-        words = counted(len(rows), "landmark is", "landmarks are")
-        return [
-            f"{words} put in quite different places by the templates: {_with(self.names, self.spread, rows)}"
-        ]
+        count, those = _above(FAR * size, self.names, self.spread)
+        words = counted(count, "landmark is", "landmarks are")
+        return [f"{words} put in quite different places by the templates: {those}"] if count else []
 
     def table(self) -> str:
         """Return the landmarks as lines for a person."""
@@ -117,17 +110,16 @@ def predicted(
 
 def far_ones(names: Sequence[str], distance: Float, size: float) -> list[str]:
     """Return what to say of landmarks that are far from the source's surface: a sentence, or nothing."""
-    rows = np.flatnonzero(np.abs(distance) > FAR * size)
-    if not len(rows):
-        return []
-    words = counted(len(rows), "landmark is", "landmarks are")
-    return [f"{words} off the source's surface and the less certain: {_with(names, distance, rows)}"]
+    count, those = _above(FAR * size, names, np.abs(distance))
+    words = counted(count, "landmark is", "landmarks are")
+    return [f"{words} off the source's surface and the less certain: {those}"] if count else []
 
 
-def _with(names: Sequence[str], lengths: Float, rows: np.ndarray) -> str:
-    """Name some landmarks with their lengths, the largest first."""
-    rows = rows[np.argsort(-np.abs(lengths[rows]), kind="stable")]
-    return listed((f"'{names[row]}' ({abs(lengths[row]):.3g})" for row in rows), MOST)
+def _above(least: float, names: Sequence[str], lengths: Float) -> tuple[int, str]:
+    """Return how many lengths are above one, and the names of these with them, the largest first."""
+    rows = np.flatnonzero(lengths > least)
+    rows = rows[np.argsort(-lengths[rows], kind="stable")]
+    return len(rows), listed((f"'{names[row]}' ({lengths[row]:.3g})" for row in rows), MOST)
 
 
 def median_of(predictions: Sequence[Prediction]) -> tuple[Prediction, list[str]]:

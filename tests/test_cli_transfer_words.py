@@ -88,3 +88,18 @@ def test_of_several_templates_the_wrong_one_is_named(files, capsys):
     )
     assert code == 2 and "metres.ply: the source seems to be in another unit" in err, err
     assert not (files / "found.csv").exists()
+
+
+def test_templates_that_disagree_are_told(files, capsys):
+    rows = [10, 400, 1200]  # the third elsewhere than in marks.csv
+    lines = [
+        f"{name},{x!r},{y!r},{z!r}"
+        for name, (x, y, z) in zip("abc", BONE.vertices[rows].tolist(), strict=True)
+    ]
+    (files / "other.csv").write_text("\n".join(["name,x,y,z", *lines, ""]))
+    code, _, err = run(
+        *(capsys, "landmarks", files / "target.ply", "--template", files / "bone.ply", files / "marks.csv"),
+        *("--template", files / "bone.ply", files / "other.csv", "-o", files / "found.csv"),
+    )
+    assert code == 1 and "1 landmark is put in quite different places by the templates: 'c' (" in err, err
+    assert (files / "found.csv").exists()
